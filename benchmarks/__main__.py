@@ -3,8 +3,6 @@
 Every table comes from one run on one core. Peers that are not installed are listed as such; `make bench-peers` installs them.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -3,8 +3,6 @@
 `python -m benchmarks.ball_photographs FOLDER` writes the ones that the GelSight is fitted to, as `calibrate-sensor` reads them.
 """
 
-from __future__ import annotations
-
 import csv
 import importlib.util
 import sys

@@ -1,7 +1,5 @@
 """Meshes of a dataset and sensors that touch them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Measure the Chamfer distance of two clouds of 10,000 points and its gradient, beside all pairs and KeOps."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Measure touch charts: seconds, residuals and stop rules by kind of cloud."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

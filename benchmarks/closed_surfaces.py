@@ -1,7 +1,5 @@
 """Measure closed meshes of test objects: `python -m benchmarks.closed_surfaces DATA CONFIGURATION --resolution 128`."""
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 import time

@@ -1,7 +1,5 @@
 """Measure exact orthographic depth beside the supplement's sphere tracing, Embree's first hits and a rasteriser."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 

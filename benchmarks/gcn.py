@@ -1,7 +1,5 @@
 """Measure a training step of Table 7's graph network, sparse and as a dense twin, each in its own process for its peak memory."""
 
-from __future__ import annotations
-
 import resource
 import time
 from collections.abc import Callable, Sequence

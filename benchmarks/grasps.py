@@ -1,7 +1,5 @@
 """Time one grasp attempt, physics included. For touches see `vt-pipeline summary`, for penetration `benchmarks.stored_grasps`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from benchmarks.cases import touched_objects

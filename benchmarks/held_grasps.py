@@ -3,8 +3,6 @@
 A grasp holds if the object stays in every direction of a test; `agree` is the share of grasps on which all engines agree.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import time

@@ -3,8 +3,6 @@
 Trains implicit networks on these numbers of training objects, from each class in turn, and measures them on the test objects.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections import defaultdict
@@ -72,7 +70,7 @@ class Experiment:
             Items(
                 as_location(self.data),
                 split,
-                settings.named,
+                settings.inputs,
                 items,
                 learned=TrainImplicit.arrays,
                 cache_megabytes=settings.cache_megabytes,

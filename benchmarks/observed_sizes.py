@@ -4,8 +4,6 @@ The first grasp of each object is written as a robot's observation, and reconstr
 depth as touch, and with touches. Errors are Chamfer distances × 9000 of objects scaled to the size that the network has learned.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections import defaultdict
@@ -14,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from benchmarks.robot_grasp import BASE, write_grasp
 from benchmarks.timing import Table
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.geometry.mesh import sample_triangles
@@ -22,7 +21,6 @@ from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, cloud_distances
 from pipeline.reconstruct.observation_checks import check
 from pipeline.reconstruct.predict import PredictOptions, reconstruct
-from tools.robot_grasp import BASE, write_grasp
 
 POINTS = 10_000
 """Points drawn from a reconstruction."""

@@ -1,7 +1,5 @@
 """Measure random presses, with shape, gel and tactile image, beside one convolution by FFT of the same size."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Find the provenance of figures: command, commit, machine, date."""
 
-from __future__ import annotations
-
 import datetime
 import os
 import platform

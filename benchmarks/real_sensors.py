@@ -1,7 +1,5 @@
 """Compare shipped sensors with photographs that they were not fitted to, and with Taxim: `make test-sensors REAL=FOLDER`."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable
 from functools import partial

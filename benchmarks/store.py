@@ -1,7 +1,5 @@
 """A shard of touches beside .npy files and HDF5."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -14,7 +12,7 @@ from zarr.storage import LocalStore
 
 from benchmarks.timing import Table, over_items, side_by_side, three_digits
 from pipeline.store.directory import DataDirectory
-from pipeline.store.spec import group_spec
+from pipeline.store.layout import group_spec
 from schemas.touch import TOUCH
 
 OURS, NPY, HDF5 = "Zarr, as stored (ours)", ".npy, one file per array", "HDF5, gzip and shuffle"

@@ -5,8 +5,6 @@ winding numbers, and random points on the object against the boxes), and whether
 that are not watertight have no inside for a winding number: for them only the object's points in the hand count.
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 from pathlib import Path

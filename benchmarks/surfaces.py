@@ -1,7 +1,5 @@
 """Measure points on the outside of meshes beside trimesh's sampling and voxel carving."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from statistics import median

@@ -3,8 +3,6 @@
 Times are processor times of all threads of the process: a second thread brings no gain, and other work on the machine counts little.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -31,7 +29,7 @@ class Times:
     def __str__(self) -> str:
         return f"{three_digits(self.least)} / {three_digits(self.median)}"
 
-    def over(self, other: Times) -> str:
+    def over(self, other: "Times") -> str:
         """Format the ratio of the least times."""
         return f"{self.least / other.least:.2f}"
 

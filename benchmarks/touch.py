@@ -1,7 +1,5 @@
 """Measure depth and tactile image of one sensor beside TACTO and Taxim."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import tempfile

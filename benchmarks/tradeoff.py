@@ -3,8 +3,6 @@
 `make tradeoff`; a killed run continues.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import subprocess

@@ -1,7 +1,5 @@
 """Measure a training step of the U-Net with and without each loss."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Time one image and its segmentation, of the dataset's objects in the hand and alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

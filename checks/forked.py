@@ -1,7 +1,5 @@
 """Run functions in separate processes, which may end in any way."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Environments in which libraries compute as on older processors; `python -m checks.processors haswell COMMAND …` runs a command in one."""
 
-from __future__ import annotations
-
 import os
 import sys
 

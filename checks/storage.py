@@ -1,7 +1,5 @@
 """Every stage run from the command line gives the same digests in object storage as on a disk, even if the server restarts."""
 
-from __future__ import annotations
-
 import socket
 import subprocess
 import sys

@@ -119,10 +119,6 @@ class Table:
         formats = self.formats or [""] * len(row.cells)
         return [cell_text(cell, form) for cell, form in zip(row.cells, formats, strict=True)]
 
-    def as_json(self) -> dict[str, Any]:
-        """Return title, columns and rows as JSON; an infinite end of an interval becomes null."""
-        return {"title": self.title, "columns": list(self.columns), "rows": [[_plain(cell) for cell in row.cells] for row in self.rows]}
-
 
 def tabulate(title: str, heading: str, entries: Mapping[str, Any], columns: Columns) -> Table:
     """Make a table with a row per entry, whose names are in the column `heading`."""
@@ -142,12 +138,6 @@ def cell_text(cell: Cell, form: str = "") -> str:
         return f"{cell:{form}}"
     ends = f"\n({cell.low:{form}}–{cell.high:{form}})" if math.isfinite(cell.low) and math.isfinite(cell.high) else ""
     return f"{cell.mean:{form}}{ends}"
-
-
-def _plain(cell: Cell) -> Any:
-    if cell is None or isinstance(cell, str | int | float | tuple):
-        return cell
-    return [end if math.isfinite(end) else None for end in (cell.mean, cell.low, cell.high)]
 
 
 def show_tables(console: Console, tables: Iterable[Table]) -> None:

@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 from pydantic import field_validator
 
 from pipeline.config.settings import ObjectSettings, setting
-from pipeline.dataset.object_rows import ObjectRows
-from pipeline.dataset.touch_charts import is_surface
-from pipeline.dataset.touch_sensors import touch_sensor
+from pipeline.dataset.object_rows import ObjectRows, is_surface, touch_sensor
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.trade import Trade
 from pipeline.engine.unit import Unit

@@ -12,7 +12,7 @@ from pipeline.config.settings import ObjectSettings, setting
 from pipeline.config.sources import identity, modelled
 from pipeline.console import abbreviate, pluralise
 from pipeline.dataset.mesh_rows import mesh_row
-from pipeline.dataset.paired_rows import paired_rows
+from pipeline.dataset.object_rows import paired_rows
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.trade import Trade
 from pipeline.engine.unit import Unit

@@ -9,8 +9,7 @@ import numpy as np
 
 from pipeline.config.settings import ObjectSettings, described_by, setting
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.dataset.paired_rows import paired_rows
-from pipeline.dataset.touch_sensors import touch_sensors
+from pipeline.dataset.object_rows import paired_rows, touch_sensors
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.trade import Trade

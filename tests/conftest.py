@@ -4,8 +4,6 @@ Tests with hypothesis try a few examples in `make test` and many in `make test-s
 follow from the test alone, and no clock decides.
 """
 
-from __future__ import annotations
-
 import signal
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Object storage for tests: moto's server in this process, and a proxy that answers with faults."""
 
-from __future__ import annotations
-
 import http.client
 import logging
 import os
@@ -67,6 +65,14 @@ def use(monkeypatch: pytest.MonkeyPatch, address: str, cache: Path) -> None:
     storage._client.cache_clear()
 
 
+@dataclass(frozen=True)
+class Answer:
+    """A status in place of the server's answer, None to break the connection; `late` after the server has handled the request."""
+
+    status: int | None
+    late: bool = False
+
+
 @dataclass
 class Proxy:
     """A server before another one: `fault` may answer a request (method, path) in its place or after it.
@@ -80,14 +86,6 @@ class Proxy:
     address: str
     fault: Callable[[str, str], Answer | None] = lambda method, path: None
     seen: list[tuple[str, str]] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class Answer:
-    """A status in place of the server's answer, None to break the connection; `late` after the server has handled the request."""
-
-    status: int | None
-    late: bool = False
 
 
 @contextmanager

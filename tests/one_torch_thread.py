@@ -1,7 +1,5 @@
 """One thread of torch per test process: tests run in parallel, one core each, and more threads would only wait for each other."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

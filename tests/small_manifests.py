@@ -1,7 +1,5 @@
 """Manifests of a source or two, and a mesh to put in their folders, for tests."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pipeline.config.manifest import Manifest

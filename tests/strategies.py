@@ -1,7 +1,5 @@
 """Hypothesis strategies and random shapes: sizes of six decades, positions within 100 m, and badly shaped triangles."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import strategies as st
 

@@ -1,7 +1,5 @@
 """Consoles and progress."""
 
-from __future__ import annotations
-
 import re
 import sys
 

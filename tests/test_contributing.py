@@ -1,13 +1,12 @@
 """The recipes of CONTRIBUTING.md, followed in a copy of the repository, add stages, settings, arrays and networks that run."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from pipeline.config.manifest import load_manifest
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.formats.sensor_file import load_sensor
 from tests.stages import ball_dataset as spheres
+from tests.test_plugins import install, run_with
 
 ROOT = Path(__file__).parents[1]
 COPIED = ("pipeline", "stages", "schemas", "data_manifests", "docs", "Makefile", "pyproject.toml")
@@ -154,6 +154,43 @@ def test_family_of_networks_added_by_the_recipe_is_trained_evaluated_reported_an
     plan = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     for stage in ("fit-charts", "train-gcn", "train-ball"):
         assert f"run '{stage}' " in plan
+
+
+def test_export_source_and_command_added_by_the_recipes_run(tmp_path):
+    site, data = tmp_path / "site", tmp_path / "data"
+    files, groups = {}, {}
+    for recipe in ("Add an export", "Add a source of objects", "Add a command"):
+        for language, name, text in code_blocks(recipe):
+            if language == "toml":
+                groups |= tomllib.loads(text)["project"]["entry-points"]
+            else:
+                files[name] = text
+    install(site, "vt-extras", groups, {"vt_extras/__init__.py": "", **files})
+    spheres.make_data(data, 2)
+    manifest = {"name": "plates", "description": "d", "seed": 0, "splits": {"train": 1, "valid": 0, "test": 0}}
+    source = {"kind": "plates", "licence": "CC0", "count": 3}
+    (tmp_path / "plates.yaml").write_text(yaml.safe_dump(manifest | {"sources": [source]}))
+    run = [
+        "run",
+        "sample-surfaces",
+        "--manifest",
+        str(tmp_path / "plates.yaml"),
+        "--data",
+        str(tmp_path / "plates"),
+        "--executor",
+        "serial",
+    ]
+    _, _, outputs = run_with(
+        site, run, run, ["export", str(data), str(tmp_path / "points"), "--to", "points"], ["best-touched", str(data)], ["--help"]
+    )
+    assert [code for code, _ in outputs] == [0] * 5, outputs
+    made, again, exported, best, listed = (words for _, words in outputs)
+    assert "made 3 objects " in made
+    assert "up to date, 3 objects" in again
+    assert "points of 2 objects" in exported
+    assert np.loadtxt(tmp_path / "points" / "a.xyz").shape[1] == 3
+    assert "of its touches succeed" in best
+    assert "best-touched" in listed
 
 
 def _read(group: Path, name: str) -> np.ndarray:

@@ -1,7 +1,5 @@
 """Findings state what they show, and their page lists them all."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The import contract of pyproject.toml names every module."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Packages can add sensors, stages and schemas; broken packages are named and do not affect other commands."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

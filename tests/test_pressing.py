@@ -1,7 +1,5 @@
 """Presses of the library: reliefs, objects to a depth, elastic gels."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

@@ -1,7 +1,5 @@
 """Commands run from the wheel in an empty folder, without the clone."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

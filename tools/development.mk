@@ -16,17 +16,18 @@ weights:  ## train the network that ships and the U-Net, measure it, and write b
 	@$(call learn,weights,0,train-implicit.epochs=100)
 	@$(call learn,thirteen-classes,1,$(FURTHER_TRAINING) train-implicit.pretrained=data/weights/draft/models)
 	@$(call learn,thirteen-classes,0,$(FURTHER_TRAINING) train-implicit.pretrained=data/thirteen-classes/draft/models/seed-1)
-	@$(BIN)/python -m tools.ship_weights data/thirteen-classes/draft
+	@$(BIN)/python -m benchmarks.ship_weights data/thirteen-classes/draft
 
 sensor-weights: $$(if $$(REAL),installed-peers,setup)  ## train the networks that read photographs of shipped sensors; with REAL=FOLDER cards say how well (4 minutes)
-	@OMP_NUM_THREADS=1 $(if $(REAL),$(PEERS_PYTHON),$(BIN)/python) -m tools.ship_sensor_weights $(if $(REAL),--real $(call quoted,$(REAL)))
+	@OMP_NUM_THREADS=1 $(if $(REAL),$(PEERS_PYTHON),$(BIN)/python) -m benchmarks.ship_sensor_weights $(if $(REAL),--real $(call quoted,$(REAL)))
 
 test-cpus: lint  ## run the tests as on older processors: without AVX-512, and without AVX2 and FMA
 	@for name in haswell prescott; do \
 	    echo "as on $$name"; $(BIN)/python -m checks.processors $$name $(BIN)/pytest -n auto --dist loadfile -m 'not slow' || exit 1; done
+	@$(BIN)/pytest -n 0 checks/same_bytes.py
 
 test-slow: lint  ## run the same tests at full size
-	@$(BIN)/pytest -n auto --dist loadfile --hypothesis-profile thorough
+	@$(BIN)/pytest -n auto --dist loadfile --hypothesis-profile thorough tests checks/memory.py
 
 test-extremes: installed-dev  ## feed kernels with the extremes of their ranges, against exact arithmetic; writes docs/extremes.md (5 minutes)
 	@$(BIN)/python -m checks.extremes --write docs/extremes.md

@@ -3,8 +3,6 @@
 Run as `python -m tools.furniture_library FOLDER LIBRARY.sh3f...`.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 import sys

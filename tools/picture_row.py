@@ -1,7 +1,5 @@
 """Draw a row of titled pictures as one small file, for the documents."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any

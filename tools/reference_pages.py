@@ -5,8 +5,6 @@
 What is above the marker in a page is written by hand; the rest is generated from `schemas/`, the stages' settings and the models of files.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -17,8 +15,7 @@ from pydantic.fields import FieldInfo
 
 from pipeline import plugins
 from pipeline.config.manifest import MESH_SOURCES, Manifest
-from pipeline.config.presets import load_presets
-from pipeline.config.settings import Settings, value_text
+from pipeline.config.settings import Settings, load_presets, value_text
 from pipeline.config.sources import MeshSource, Source
 from pipeline.formats.hand_file import HandFile
 from pipeline.kernels.touch.sensor import Sensor

@@ -4,8 +4,6 @@ Run as `python -m tools.synthetic_renderings DATA FOLDER`. Meshes and images are
 folder does not know. Viewpoints are drawn as in the cited renderings: azimuths all around, elevations of 25 to 30 degrees.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

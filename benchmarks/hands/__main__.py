@@ -1,7 +1,5 @@
 """Grasp a manifest's objects with several hands from PyPI; print touch rates, minutes and memory: `make test-hands`."""
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

@@ -8,8 +8,6 @@ TACTO 0.0.3 pins networkx 2.2, which does not import since Python 3.10: `require
 `np.float` and `np.infty`, which numpy no longer has; `main` puts them back. No installed file is edited.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 import os

@@ -1,7 +1,5 @@
 """Stand-ins of torch for what `taxim` 1.4.1 uses of torch_scatter and of torchvision, whose wheels load beside one build of torch."""
 
-from __future__ import annotations
-
 import sys
 from types import ModuleType
 from typing import Any

@@ -1,7 +1,5 @@
 """Score depth that is read in photographs of real sensors: `make bench-touch REAL=FOLDER`."""
 
-from __future__ import annotations
-
 import argparse
 import time
 from collections.abc import Callable, Iterator

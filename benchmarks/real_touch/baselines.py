@@ -1,7 +1,5 @@
 """Baselines: a look-up table, and a per-pixel network, both fitted to photographs of balls."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Our method: a sensor calibrated with photographs of balls, and a network trained only on simulated presses of it."""
 
-from __future__ import annotations
-
 from benchmarks.real_touch.photograph_sets import PhotographSet
 from pipeline.contrib.calibration.calibrate_sensor import uncalibrated_sensor
 from pipeline.kernels.touch.colour_fit import FIT_FOR_DEPTH, fit_colours

@@ -1,7 +1,5 @@
 """Sets of photographs with known shapes, described in YAML: those of public repositories in `sets/`, or your own."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

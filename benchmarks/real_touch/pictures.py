@@ -1,7 +1,5 @@
 """Draw depth as read, the truth and the difference, without photographs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import matplotlib.pyplot as plt

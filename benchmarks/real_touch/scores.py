@@ -1,7 +1,5 @@
 """Score depth and contact that were read in a photograph against the truth."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 
 import numpy as np

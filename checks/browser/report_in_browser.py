@@ -4,8 +4,6 @@ The file's name keeps it from being collected by `make test`: it needs a browser
 a small one made for the test; SCREENSHOTS=FOLDER keeps pictures.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import shutil

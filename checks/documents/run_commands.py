@@ -4,8 +4,6 @@ They run as they are printed, in a copy of the repository whose manifests have f
 seconds; where they do not say which networks to train, two. `NOT_RUN` names those that cannot run here, and why.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -3,8 +3,6 @@
 Usage: python -m checks.documents.run_notebook NOTEBOOK [OUT]     (OUT gets the notebook with its outputs)
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from pathlib import Path

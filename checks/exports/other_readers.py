@@ -3,8 +3,6 @@
 `docs/guide/reading.md` says the same as a table: where a test here fails because a reader learnt something, the table is out of date.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

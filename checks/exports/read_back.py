@@ -3,8 +3,6 @@
 The file's name keeps it from being collected by `make test`: LeRobot, `datasets` and WebDataset are installed for this alone.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import types

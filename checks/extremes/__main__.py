@@ -1,7 +1,5 @@
 """Feeds every kernel with every extreme: `python -m checks.extremes`, and writes the largest errors as a page with `--write`."""
 
-from __future__ import annotations
-
 import sys
 import warnings
 from pathlib import Path

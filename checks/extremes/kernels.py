@@ -1,7 +1,5 @@
 """Kernels, and how wrong they are: shares of the largest coordinate, against rational arithmetic or extended precision."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """Outcomes of kernels: an error, or a refusal with a message."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from checks.extremes.kernels import Kernel

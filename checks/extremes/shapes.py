@@ -1,7 +1,5 @@
 """Shapes at the extremes: (V, 3) vertices, m, and (F, 3) faces."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property

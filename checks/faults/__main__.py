@@ -3,8 +3,6 @@
 Ends with status 1 if anything was lost, wrong or silent.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

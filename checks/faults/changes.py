@@ -1,7 +1,5 @@
 """Files and versions that change between one stage and the next."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Damage to files of a finished or unfinished dataset."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

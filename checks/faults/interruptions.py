@@ -1,7 +1,5 @@
 """Runs that are killed, interrupted, short of disk space or memory, or concurrent."""
 
-from __future__ import annotations
-
 import os
 import resource
 import shutil

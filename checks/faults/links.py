@@ -1,7 +1,5 @@
 """Symbolic links, pipes and devices in a dataset, and open readers of groups that are replaced and collected."""
 
-from __future__ import annotations
-
 import os
 import stat
 from collections.abc import Callable, Iterator

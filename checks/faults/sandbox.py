@@ -1,12 +1,11 @@
 """A small dataset that runs through all stages in forked processes, into which faults are injected."""
 
-from __future__ import annotations
-
 import importlib
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Self
 
 import yaml
 from rich.console import Console
@@ -71,7 +70,7 @@ class Sandbox:
         for name in GRASP_STAGES:
             load_stage(name)
 
-    def only(self, *stages: str) -> Sandbox:
+    def only(self, *stages: str) -> Self:
         """Return a sandbox of these stages alone."""
         return replace(self, stages=stages)
 

@@ -1,7 +1,5 @@
 """One fault: a copy of the dataset, the injection, and the verdict on the result."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -4,8 +4,6 @@ Only errors in words are allowed: no other exception, no crash, nothing over `SE
 files that led to them, which are kept; ends with status 1 if there is one.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

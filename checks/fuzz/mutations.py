@@ -1,7 +1,5 @@
 """Mutations of files: of their bytes, and of the tree in their JSON or YAML."""
 
-from __future__ import annotations
-
 import json
 import math
 import random

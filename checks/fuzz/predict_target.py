@@ -1,7 +1,5 @@
 """Inputs of `predict`: models, and an observation file with its images."""
 
-from __future__ import annotations
-
 import io
 import json
 import zlib

@@ -1,7 +1,5 @@
 """A data directory with a shard of each of several artifacts, a failed object and a folder."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import zlib
@@ -24,11 +22,10 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.store import digest
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
+from pipeline.store.layout import numpy_dtype
 from pipeline.store.publish import FolderOutput, ShardOutput
 from pipeline.store.record import Failure, FolderRecord, RowRecord, ShardRecord
-from pipeline.store.row_files import encode_row
-from pipeline.store.rows import Row, row_digest
-from pipeline.store.spec import numpy_dtype
+from pipeline.store.rows import Row, encode_row, row_digest
 from pipeline.store.validate import problems_below
 from pipeline.tables import status
 from pipeline.tables.touch_tables import touch_tables

@@ -1,7 +1,5 @@
 """Base class of fuzzing targets."""
 
-from __future__ import annotations
-
 import base64
 import json
 import tempfile

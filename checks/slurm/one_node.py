@@ -1,7 +1,5 @@
 """A real Slurm of one node on this machine: munged, slurmctld and slurmd, started in a folder and ended afterwards."""
 
-from __future__ import annotations
-
 import os
 import secrets
 import shutil

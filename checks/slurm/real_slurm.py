@@ -3,8 +3,6 @@
 The file's name keeps it from being collected by `make test`: it starts daemons, as root.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import tempfile

@@ -174,14 +174,14 @@ def score(
     Each file that is missing, unreadable or not in the world's frame is named, and then nothing is written.
     """
     from pipeline.reconstruct.score import score as measure
+    from pipeline.tables.evaluation_tables import evaluation_tables
     from stages.evaluate.evaluation_files import METRICS
-    from stages.evaluate.tables import evaluation_tables
 
     directory = DataDirectory(data)
     results = directory.verified_folder(measure(folder, directory.root, console, name=name, grasps=grasps, misplaced=misplaced))
     show_tables(console, evaluation_tables(results))
     shown = f"`vt-pipeline report {shlex.quote(data)}` shows them beside the networks'"
-    print_line(f"{results / METRICS}: these tables as JSON, with the settings; {shown}")
+    print_line(f"{results / METRICS}: the means as JSON, with the settings; {shown}")
 
 
 def _grid(options: list[str]) -> dict[str, list[Any]]:

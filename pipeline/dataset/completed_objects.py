@@ -5,19 +5,20 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from pipeline.console import abbreviate
 from pipeline.dataset.grasps import grasping_hand
-from pipeline.dataset.touch_sensors import touch_sensors
-from pipeline.dataset.vision_scene import dataset_scene
+from pipeline.dataset.object_rows import touch_sensors
 from pipeline.errors import InvalidInput, StoreError
+from pipeline.formats.description_file import invalid_entries
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.scene import Scene
 from pipeline.store.directory import DataDirectory
-from pipeline.store.origins import check_origins
 from pipeline.store.storage import Location
+from pipeline.store.validate import check_origins
 from schemas.catalogue import ARTIFACTS
 
 
@@ -78,3 +79,14 @@ class CompletedObjects:
     def scene(self) -> Scene:
         """Read the scene that the images show; load the supplement's for a dataset without images."""
         return dataset_scene(self.attributes("vision")) if "vision" in self.collections else load_scene("supplement")
+
+
+def dataset_scene(attributes: Mapping[str, Any]) -> Scene:
+    """Read the scene from the attributes of a `vision` group's root, whatever became of its file; a `StoreError` if it cannot be used."""
+    try:
+        return Scene.model_validate(attributes.get("scene"))
+    except ValidationError as error:
+        faults = invalid_entries(error)
+        raise StoreError(
+            f"the scene that `vision` records cannot be used ({faults}); delete `vision` and run render-vision again"
+        ) from error

@@ -2,15 +2,15 @@
 
 import shlex
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
-from pydantic import ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
-from pipeline.dataset.touch_sensors import touch_sensor, touch_sensors
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.geometry.mesh_cleaning import bounding_diagonal
@@ -18,10 +18,11 @@ from pipeline.kernels.touch.depth_maps import local_points
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
-from pipeline.store.origins import check_origins
 from pipeline.store.storage import Location, as_location, on_disk
+from pipeline.store.validate import check_origins
 from schemas.base import INDEXED_DIMS, Artifact
 from schemas.catalogue import artifact_of
+from schemas.charts import FITTED
 from schemas.surfaces import SURFACES
 
 CACHE_MEGABYTES = 256.0
@@ -38,14 +39,11 @@ DERIVED = {**dict.fromkeys(POINTS, ("depth", "sensor_pose")), DIFFERENCE: ("tact
 
 Described = TypeVar("Described")
 
+_SENSORS = TypeAdapter(Annotated[tuple[Sensor, ...], Field(min_length=1)])
+
 
 class ObjectRows:
-    """The objects of a split that failed in none of the artifacts that are read, in id order.
-
-    Only artifacts that hold one of the arrays are opened. Memory does not grow with the dataset. A `StoreError` says
-    that there is no such array, that an artifact has not been made, or not from the current inputs, or that there is no
-    usable object.
-    """
+    """The objects of a split that failed in none of the artifacts that are read, in id order. Memory does not grow with the dataset."""
 
     def __init__(
         self,
@@ -147,9 +145,7 @@ class ObjectRows:
     ) -> np.ndarray:  # the remaining dimensions of the schema
         """Read an object's part of an array; the array itself if it has no object dimension.
 
-        Arrays without grasps or cameras ignore these numbers. Other readers share the array: copy it before changing
-        it. A `StoreError` says that the array was not opened, that there is no such grasp or camera, or that a part of
-        the array is missing or damaged.
+        Arrays without grasps or cameras ignore these numbers. Other readers share the array: copy it before changing it.
         """
         if array == DIFFERENCE:
             return self._difference(object_id, grasp)
@@ -221,3 +217,32 @@ def _find_artifact(array: str) -> Artifact:
         return artifact_of(array)
     except KeyError as error:
         raise StoreError(error.args[0]) from None
+
+
+def paired_rows(first: Path, second: Path, *arrays: str) -> Iterator[tuple[str, list[np.ndarray], list[np.ndarray]]]:
+    """Yield the id of each object that failed in neither of two data directories, and its named arrays from each."""
+    ours, theirs = (ObjectRows(data, arrays, split=None) for data in (first, second))
+    for object_id in ours.object_ids:
+        if object_id not in theirs.left_out:
+            yield object_id, [ours.read(name, object_id) for name in arrays], [theirs.read(name, object_id) for name in arrays]
+
+
+def touch_sensors(attributes: Mapping[str, Any]) -> tuple[Sensor, ...]:
+    """Read the sensor of each finger from the attributes of a `touch` group's root; raise a `ValidationError` if one is not described."""
+    return _SENSORS.validate_python(attributes.get("sensors"))
+
+
+def touch_sensor(attributes: Mapping[str, Any]) -> Sensor:
+    """Read the sensor that all fingers wear; raise an `InvalidInput` if they wear different ones; other errors as `touch_sensors`."""
+    first, *others = touch_sensors(attributes)
+    if different := {sensor.name for sensor in others if sensor != first}:
+        raise InvalidInput(
+            f"the fingers wear different sensors ({', '.join(sorted(different | {first.name}))}); training on touches needs "
+            "a hand that wears one: see `sensor` in its hand file"
+        )
+    return first
+
+
+def is_surface(stop_rule: np.ndarray) -> np.ndarray:  # (…) bool
+    """Distinguish fitted charts from undeformed squares by their `stop_rule` (…)."""
+    return np.isin(stop_rule, FITTED)

@@ -41,7 +41,7 @@ class SheetRow(NamedTuple):
 
 def spread_evenly(items: Sequence[T], limit: int) -> list[T]:
     """Choose at most `limit` items, spread evenly from the first to the last."""
-    return [items[place] for place in np.linspace(0, len(items) - 1, min(limit, len(items))).astype(int)]
+    return [items[number] for number in np.linspace(0, len(items) - 1, min(limit, len(items))).astype(int)]
 
 
 def draw_sheet(

@@ -31,15 +31,7 @@ MARKERS = ("o", "s", "D", "^", "v")
 
 
 def save_figure(figure: Figure, path: Path, **options: Any) -> None:
-    """Write a figure in the format of the suffix, with literal texts: a `$` does not begin a formula.
-
-    The file is replaced at once; options are those of `Figure.savefig`.
-
-    Raises
-    ------
-    InvalidInput
-        Matplotlib does not write that format.
-    """
+    """Write a figure atomically in the format of the suffix, with literal texts: a `$` does not begin a formula."""
     supported = figure.canvas.get_supported_filetypes()
     if path.suffix[1:] not in supported:
         raise InvalidInput(f"{path}: the suffix {path.suffix or '(none)'} names no picture format; use {', '.join(supported)}")
@@ -110,7 +102,7 @@ def draw_histogram(path: Path, values: Mapping[str, NDArray[np.floating]], *, x:
 
 
 def _label(name: str) -> str:
-    """Return the label of a series in a legend, which leaves out those that begin with an underscore."""
+    """Return the label of a series in a legend, which would skip one that begins with an underscore."""
     return f" {name}" if name.startswith("_") else name
 
 
@@ -126,27 +118,27 @@ def draw_curves(train: Sequence[float], valid: Sequence[float], path: Path) -> N
 
 
 def draw_errors(
-    path: Path, errors: Mapping[str, Mapping[str, Interval]], line: Mapping[str, float], labels: Mapping[str, str], y: str
+    path: Path,
+    errors: Mapping[str, Mapping[str, Interval]],  # by series and inputs
+    line: Mapping[str, float],  # reference values by inputs
+    labels: Mapping[str, str],  # of the inputs, in their order; those without errors are not shown
+    y: str,
 ) -> None:
-    """Draw errors with their intervals by series and place, and reference values as a line by place, as an SVG.
-
-    Places are in the order of their `labels`; those without errors are left out.
-    """
-    places = [place for place in labels if any(place in series for series in errors.values())]
+    """Draw errors with their intervals, and reference values as a line, as an SVG."""
+    shown = [name for name in labels if any(name in series for series in errors.values())]
     with themed_svg(path, (4.8, 3.2), font_size=10) as figure:
         axes, step = figure.subplots(), 0.6 / max(len(errors), 1)
         for number, (name, series) in enumerate(errors.items()):
-            shift = (number - (len(errors) - 1) / 2) * step
-            for place in (place for place in places if place in series):
-                error, at = series[place], places.index(place) + shift
+            at = {inputs: shown.index(inputs) + (number - (len(errors) - 1) / 2) * step for inputs in series}
+            for inputs, error in series.items():
                 if np.isfinite([error.low, error.high]).all():
-                    axes.plot([at, at], [error.low, error.high], color=_color(number), linewidth=1.4)
-            points = [(places.index(place) + shift, error.mean) for place, error in series.items()]
-            axes.plot(*zip(*points, strict=True), MARKERS[number % len(MARKERS)], color=_color(number), markersize=6, label=_label(name))
-        ends = np.array([(places.index(place) + side, error) for place, error in line.items() for side in (-0.45, 0.45, np.nan)])
+                    axes.plot([at[inputs]] * 2, [error.low, error.high], color=_color(number), linewidth=1.4)
+            means = [error.mean for error in series.values()]
+            axes.plot(list(at.values()), means, MARKERS[number % len(MARKERS)], color=_color(number), markersize=6, label=_label(name))
+        ends = np.array([(shown.index(inputs) + side, error) for inputs, error in line.items() for side in (-0.45, 0.45, np.nan)])
         if len(ends):
             axes.plot(*ends.T, color=INK, linewidth=1.2, linestyle=LINES[1], label="training object retrieved in its place")
-        axes.set(ylabel=y, xticks=range(len(places)), xticklabels=[labels[place] for place in places], xlim=(-0.5, len(places) - 0.5))
+        axes.set(ylabel=y, xticks=range(len(shown)), xticklabels=[labels[name] for name in shown], xlim=(-0.5, len(shown) - 0.5))
         axes.set_ylim(bottom=0)
         axes.tick_params(axis="x", labelsize=8)
         axes.legend(frameon=False, fontsize=8)

@@ -16,7 +16,7 @@ from pipeline.engine.session import Work, record_crash
 from pipeline.engine.unit import Unit
 from pipeline.engine.worker import crash_reason, opening_error, pack, process_unit
 from pipeline.errors import StageError
-from pipeline.store.row_files import Result
+from pipeline.store.rows import Result
 
 CONNECT_SECONDS = 10
 """Time limit for connecting to a scheduler."""

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 from pipeline.engine.session import Work, session
 from pipeline.engine.unit import Unit
-from pipeline.store.row_files import Result
+from pipeline.store.rows import Result
 
 
 class Executor(ABC):

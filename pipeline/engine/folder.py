@@ -17,11 +17,11 @@ from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.digest import hashes_of, is_hidden
 from pipeline.store.directory import DataDirectory, changed_files
-from pipeline.store.local_copy import local_copy
-from pipeline.store.origins import check_origins
 from pipeline.store.publish import FolderOutput
 from pipeline.store.record import FolderRecord, read_record, serialise_with_checksum
 from pipeline.store.storage import files_below, list_folder, remove
+from pipeline.store.temporary import local_copy
+from pipeline.store.validate import check_origins
 
 _WORK = re.compile("[0-9a-f]{16}")
 """Names of work folders; another name may be part of a longer one, such as models/gcn/touch."""

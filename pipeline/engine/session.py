@@ -16,8 +16,7 @@ from pipeline.errors import InvalidInput, PipelineError, StageError, StoreError
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Failure, processor_kind
-from pipeline.store.row_files import Result, RowFiles
-from pipeline.store.rows import Row, conform
+from pipeline.store.rows import Result, Row, RowFiles, conform
 from pipeline.store.shard import RowView
 from pipeline.store.storage import Location, is_machine_fault
 

@@ -18,12 +18,11 @@ from pipeline.errors import BugFound, InvalidInput, StageError, StoreError
 from pipeline.store import digest
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory, shard_of
-from pipeline.store.origins import check_origins
 from pipeline.store.publish import ShardOutput, withdraw
 from pipeline.store.record import Failure, RowRecord, ShardRecord
-from pipeline.store.row_files import Result
-from pipeline.store.rows import Row, conform, row_digest
+from pipeline.store.rows import Result, Row, conform, row_digest
 from pipeline.store.storage import exists
+from pipeline.store.validate import check_origins
 
 NO_OBJECT_LEFT = "all its objects have left the manifest"
 HELD_BACK = "not published, because other rows are damaged, have left the manifest, or were made with other settings, inputs or code"

@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.rng import numpy_rng
 from pipeline.store.record import Failure, RowRecord
-from pipeline.store.row_files import Result
+from pipeline.store.rows import Result
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from pipeline.engine import keys
 from pipeline.engine.session import MORE_MEMORY, Work, session
 from pipeline.engine.unit import Unit
 from pipeline.errors import StageError
-from pipeline.store.row_files import Result
+from pipeline.store.rows import Result
 
 TRIES = 2
 """Attempts per object: a process that dies may have been killed from outside; if it dies again, the object has failed."""

@@ -6,6 +6,7 @@ import signal
 import threading
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cached_property
 from multiprocessing import resource_tracker, util
@@ -18,7 +19,7 @@ from pipeline.engine.session import Work, record_crash
 from pipeline.engine.unit import Unit
 from pipeline.engine.worker import TRIES, close_session, crash_reason, opening_error, pack, process_unit
 from pipeline.errors import StageError
-from pipeline.store.row_files import Result
+from pipeline.store.rows import Result
 from pipeline.store.temporary import temporary_folder
 
 CLOSE_SECONDS = 10.0
@@ -36,7 +37,7 @@ class WorkerProcesses(Executor):
     def __init__(self, processes: int = 1) -> None:
         self.processes = processes
         self._idle: list[_Worker] = []
-        self._busy: dict[Connection, _Worker] = {}
+        self._busy: list[_Worker] = []
         self._resources = ExitStack()
 
     @cached_property
@@ -50,46 +51,48 @@ class WorkerProcesses(Executor):
         deaths: Counter[str] = Counter()  # by unit, of "" while a session opened
 
         def send(worker: _Worker, unit: Unit | None) -> None:
-            self._busy[worker.connection] = worker
+            self._busy.append(worker)
             worker.send(packed, unit, limit)
 
         try:
-            for worker in self._take(min(self.processes, len(units))):
-                send(worker, None)
+            for _ in range(min(self.processes, len(units))):
+                send(self._worker(), None)
             while self._busy:
-                for connection in wait([*self._busy]):
-                    worker, result = self._busy[connection], None
-                    name = worker.unit.name if worker.unit else ""
+                ready = wait([worker.connection for worker in self._busy])
+                for worker in [worker for worker in self._busy if worker.connection in ready]:
+                    self._busy.remove(worker)
+                    unit, result = worker.unit, None
                     try:
                         result = worker.receive()
-                        deaths[""] *= worker.unit is not None
                     except EOFError:
-                        del self._busy[connection]
+                        name = unit.name if unit else ""
                         deaths[name] += 1
-                        if worker.unit is None and deaths[name] == TRIES:
+                        if unit is None and deaths[name] == TRIES:
                             raise opening_error(work.stage.name) from None
-                        if worker.unit and deaths[name] == TRIES:
-                            result = record_crash(work, worker.unit, crash_reason(limit, worker.exit_code() == -signal.SIGALRM))
-                        elif worker.unit:
-                            waiting.append(worker.unit)
+                        if unit and deaths[name] == TRIES:
+                            result = record_crash(work, unit, crash_reason(limit, worker.exit_code() == -signal.SIGALRM))
+                        elif unit:
+                            waiting.append(unit)
                         if waiting:
-                            send(*self._take(1), None)
+                            send(self._worker(), None)
                     else:
+                        deaths[""] = 0 if unit is None else deaths[""]
                         if waiting:
                             send(worker, waiting.popleft())
                         else:
-                            self._idle.append(self._busy.pop(connection))
+                            self._idle.append(worker)
                     if result:
                         yield result
         finally:
             self._end_busy()
 
-    def _take(self, count: int) -> list["_Worker"]:
-        """Take idle workers, and start as many as are missing."""
-        living = [worker for worker in self._idle if worker.process.is_alive()]
-        self._idle = living[count:]
+    def _worker(self) -> "_Worker":
+        """Take an idle worker, or start one."""
+        while self._idle:
+            if (worker := self._idle.pop()).process.is_alive():
+                return worker
         try:
-            return living[:count] + [_Worker(self._folder) for _ in range(count - len(living))]
+            return _Worker(self._folder)
         except OSError as error:
             raise StageError(
                 f"worker processes cannot be started ({error}); run again, with fewer --workers, or with --executor serial"
@@ -97,9 +100,9 @@ class WorkerProcesses(Executor):
 
     def _end_busy(self) -> None:
         """End the workers that are in the middle of a unit."""
-        for worker in self._busy.values():
+        for worker in self._busy:
             worker.kill()
-        self._busy = {}
+        self._busy = []
 
     def close(self, *, at_once: bool) -> None:
         """End the workers; their sessions are closed first, unless `at_once`."""
@@ -123,13 +126,13 @@ class _Worker:
         context = multiprocessing.get_context("spawn")
         self.connection, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
-        resource_tracker.ensure_running()  # started below, it would unblock SIGINT
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # workers inherit it: Ctrl-C is for this process, which ends them
-        try:
-            with theirs, _environment(ONE_THREAD | {"TMPDIR": str(folder)}):
-                self.process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        with theirs, _environment(ONE_THREAD | {"TMPDIR": str(folder)}), ThreadPoolExecutor(1) as thread:
+            thread.submit(self._start).result()  # this thread receives Ctrl-C, which thus interrupts no start halfway
+
+    def _start(self) -> None:
+        resource_tracker.ensure_running()  # started later, it would unblock SIGINT
+        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # the worker inherits it: Ctrl-C is for this process, which ends it
+        self.process.start()
 
     def send(self, packed: bytes, unit: Unit | None, seconds: float) -> None:
         """Send a unit of a run, or only the run, whose session is to be opened."""
@@ -140,9 +143,10 @@ class _Worker:
     def receive(self) -> Result | None:
         """Receive the result of what was sent, or raise the error that ends the run; an `EOFError` if the worker has died."""
         try:
-            result, error = self.connection.recv()
+            reply: tuple[Result | None, Exception | None] = self.connection.recv()
         except OSError as died:
             raise EOFError from died
+        result, error = reply
         if error:
             raise error
         return result

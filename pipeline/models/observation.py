@@ -7,8 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pipeline.dataset.object_rows import ObjectRows
-from pipeline.dataset.touch_charts import is_surface
+from pipeline.dataset.object_rows import ObjectRows, is_surface
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.networks.network_configurations import NetworkInputs

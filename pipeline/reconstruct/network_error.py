@@ -11,8 +11,8 @@ from pipeline.models.families import ROWS, model_name, network_of, row_of
 from pipeline.models.shipped_weights import card_path, read_card
 from pipeline.reconstruct.observation_reader import ObservationReader
 from pipeline.store.directory import DataDirectory
-from pipeline.store.origins import check_origins
 from pipeline.store.storage import exists
+from pipeline.store.validate import check_origins
 from stages.evaluate.baselines import BASELINE_PREFIX, LABELS, retrieved_by
 from stages.evaluate.evaluation_files import evaluation_name, read_figures
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from pipeline.console import abbreviate
-from pipeline.dataset.object_rows import ObjectRows
-from pipeline.dataset.touch_charts import is_surface
+from pipeline.dataset.object_rows import ObjectRows, is_surface
 from pipeline.errors import StageError, StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.charts.chart_fitting import fit_charts

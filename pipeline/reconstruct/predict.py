@@ -25,8 +25,8 @@ from pipeline.reconstruct.observation_file import RobotObservation, read_entries
 from pipeline.reconstruct.observation_placement import Placement, describe_object, place_observation
 from pipeline.reconstruct.observation_reader import ObservationReader, object_mask
 from pipeline.store.directory import DataDirectory
-from pipeline.store.origins import check_origins
 from pipeline.store.storage import Location
+from pipeline.store.validate import check_origins
 from pipeline.training.device import device_of
 
 Surface = Literal["charts", "joined", "both", "closed"]

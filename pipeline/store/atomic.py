@@ -14,7 +14,6 @@ from filelock import FileLock, Timeout
 from obstore.exceptions import AlreadyExistsError, GenericError, PreconditionError
 
 from pipeline.errors import StoreError, first_line
-from pipeline.store.local_copy import local_copy
 from pipeline.store.storage import (
     TEMPORARY,
     Location,
@@ -28,6 +27,7 @@ from pipeline.store.storage import (
     temporary,
     wait_before_retry,
 )
+from pipeline.store.temporary import local_copy
 
 ATTEMPTS = 12
 """Attempts at a conditional put while no other process writes: object storage may refuse one in a race, or a connection may break."""

@@ -1,13 +1,19 @@
-"""Rows, one object's part of an artifact: digests, and checks against the schema."""
+"""Rows, one object's part of an artifact: checks, digests, and the files in which finished rows wait for their shard."""
 
+import os
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
+from pydantic import Field, ValidationError
 
 from pipeline.errors import StoreError
+from pipeline.formats.file_content import regular_stat
 from pipeline.store import digest
-from pipeline.store.record import Failure
-from pipeline.store.spec import numpy_dtype
+from pipeline.store.atomic import write_atomically
+from pipeline.store.layout import decode_array, encode_array, numpy_dtype, with_checksum, without_checksum
+from pipeline.store.record import Failure, Stored
+from pipeline.store.storage import Location, files_below, read_bytes, remove, remove_files
 from schemas.base import COMMON, Array, Artifact
 
 Row = dict[str, np.ndarray]
@@ -25,11 +31,7 @@ def are_valid(array: Array, values: np.ndarray) -> bool:
 
 
 def conform(artifact: Artifact, row: Mapping[str, np.ndarray], *, constants: bool = False) -> Row:
-    """Check a row, or the constants, against the schema, and convert it to the schema's dtypes.
-
-    A `StoreError` names an array that is missing, unknown, has the wrong number of dimensions or kind, or holds a value
-    that is not finite (+inf may be allowed).
-    """
+    """Check a row, or the constants, against the schema, and convert it to the schema's dtypes."""
     declared = {name: array for name, array in artifact.arrays.items() if name not in COMMON and array.per_object != constants}
     optional = {name for name, array in declared.items() if array.optional}
     if missing := sorted(declared.keys() - row.keys() - optional):
@@ -51,3 +53,131 @@ def conform(artifact: Artifact, row: Mapping[str, np.ndarray], *, constants: boo
             raise StoreError(f"{artifact.name}: {name} holds a value that is not finite as {array.dtype}; a kernel let it through")
         conformed[name] = stored
     return conformed
+
+
+SIZE = 8
+"""Bytes at the end of a file that hold the size of its footer."""
+
+Chunks = Mapping[str, list[bytes]]
+"""The encoded chunks of a row, by array."""
+
+
+class EncodedArray(Stored):
+    """An array in a row file: its shape, its numpy dtype, and the sizes of its chunks, which follow one another."""
+
+    shape: tuple[int, ...]
+    dtype: str
+    sizes: tuple[int, ...]
+
+
+class Result(Stored):
+    """The result of a unit: a row in a file, a `failure`, or a `bug` (its traceback)."""
+
+    name: str  # of the unit, as `key`
+    key: str
+    digest: str = ""  # of the row and the object's category, or of the failure
+    seconds: float = 0.0  # time that it took
+    processor: str = ""  # the kind that computed it
+    failure: Failure | None = None
+    bug: str | None = None
+    arrays: dict[str, EncodedArray] = Field(default={})  # the row's, in the order of their chunks in the file
+
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Map the names of the row's arrays to their shapes."""
+        return {name: array.shape for name, array in self.arrays.items()}
+
+
+class RowFiles:
+    """The row files below a work folder: one per unit and key, written atomically.
+
+    `artifact` declares the arrays; without it, as for evaluations, each array is one chunk, not compressed.
+    """
+
+    def __init__(self, work: Location, artifact: Artifact | None = None) -> None:
+        self.folder, self.artifact = work / "rows", artifact
+
+    def path(self, name: str, key: str) -> Location:
+        """Return the path of a unit's file."""
+        return self.folder / name / f"{key}.row"
+
+    def save(self, result: Result, row: Row, category: str = "") -> Result:
+        """Write a unit's row or failure, and return its result. Nothing is flushed: a row lost in a power cut is computed again."""
+        chunks = encode_row(self.artifact, row)
+        arrays = {
+            name: EncodedArray(shape=value.shape, dtype=value.dtype.str, sizes=tuple(map(len, chunks[name]))) for name, value in row.items()
+        }
+        saved = result.model_copy(update={"digest": row_digest(row, result.failure, category), "arrays": arrays})
+        footer = with_checksum(saved.model_dump_json().encode())
+        parts = [chunk for name in row for chunk in chunks[name]]
+        write_atomically(
+            self.path(result.name, result.key), b"".join([*parts, footer, len(footer).to_bytes(SIZE, "little")]), durable=False
+        )
+        return saved
+
+    def find(self, name: str, key: str) -> Result | None:
+        """Read the result of a unit; None if its file is missing, damaged or of another unit."""
+        try:
+            result = Result.model_validate_json(without_checksum(_footer(self.path(name, key))))
+        except (OSError, ValueError, ValidationError):  # missing, or truncated by a full disk or a crash of the machine
+            return None
+        return result if (result.name, result.key) == (name, key) else None
+
+    def chunks(self, result: Result) -> Chunks:
+        """Read the encoded row of a result; if its file is gone or damaged, remove it and raise a `StoreError`."""
+        path, offset = self.path(result.name, result.key), 0
+        chunks: dict[str, list[bytes]] = {}
+        try:
+            content = read_bytes(path) if result.arrays else b""
+            for name, array in result.arrays.items():
+                chunks[name] = []
+                for size in array.sizes:
+                    without_checksum(chunk := content[offset : offset + size])
+                    chunks[name].append(chunk)
+                    offset += size
+        except (FileNotFoundError, ValueError) as error:
+            remove(path)
+            raise StoreError(f"{path} was damaged or is gone; run again") from error
+        return chunks
+
+    def load(self, result: Result) -> Row:
+        """Read the row of a result; errors are those of `chunks`."""
+        chunks = self.chunks(result)
+        return {
+            name: decode_array(self.artifact.of(name) if self.artifact else None, array.shape, array.dtype, chunks[name])
+            for name, array in result.arrays.items()
+        }
+
+    def discard(self, name: str, key: str) -> None:
+        """Remove the file of a unit."""
+        remove(self.path(name, key))
+
+    def discard_all(self, keys: Mapping[str, str]) -> None:
+        """Remove the files of units, given as names with keys; on a disk, where this run holds the lock, also those of other keys."""
+        if isinstance(self.folder, Path):
+            for name in keys:
+                remove(self.folder / name)
+        else:
+            remove_files(self.folder, [f"{name}/{key}.row" for name, key in keys.items()])
+
+    def count(self) -> int:
+        """Count the rows that wait to be published."""
+        return sum(name.endswith(".row") for name in files_below(self.folder))
+
+
+def encode_row(artifact: Artifact | None, row: Row) -> Chunks:
+    """Encode a row, array by array."""
+    return {name: encode_array(artifact.of(name) if artifact else None, value) for name, value in row.items()}
+
+
+def _footer(path: Location) -> bytes:
+    """Read the footer of a file; on a disk, nothing else is read."""
+    if not isinstance(path, Path):
+        content = read_bytes(path)
+        return content[-SIZE - int.from_bytes(content[-SIZE:], "little") : -SIZE]
+    regular_stat(path)
+    with path.open("rb") as file:
+        end = file.seek(-SIZE, os.SEEK_END)
+        size = min(int.from_bytes(file.read(), "little"), end)
+        file.seek(end - size)
+        return file.read(size)

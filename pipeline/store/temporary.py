@@ -1,4 +1,4 @@
-"""Temporary folders that other users cannot read; those of a killed process are removed by the next one."""
+"""Temporary folders that other users cannot read, and local copies of folders in object storage."""
 
 import fcntl
 import os
@@ -8,15 +8,17 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from threading import Event, Thread
+
+from obstore.exceptions import BaseError
+
+from pipeline.store.storage import TEMPORARY, File, Location, cache_of, copy, files_below
 
 PREFIX = "of-process-"
 
 
 def private_folder(parent: str | Path | None = None) -> Path:
-    """Make a folder for temporary files that only this user can read or write; the next run finds it again.
-
-    Dask has Python look for modules there first, and clears the files that killed workers leave in it.
-    """
+    """Make a folder for temporary files that only this user can read or write; the next run finds it again."""
     parent = Path(parent or tempfile.gettempdir())
     folder = parent / f"vt-pipeline-{os.getuid()}"
     with suppress(FileExistsError):
@@ -57,3 +59,60 @@ def _locked(folder: Path, *, wait: bool = True) -> Iterator[None]:
         yield
     finally:
         os.close(descriptor)
+
+
+SECONDS = 30.0
+"""Seconds between two checks for changed files: the most work that is lost with a machine."""
+
+
+@contextmanager
+def local_copy(folder: Location, *, begin: bool = True, send: bool = False) -> Iterator[Path]:
+    """Yield a local folder to work in: `folder` itself if it is on a disk, else a copy.
+
+    If `begin`, the copy starts with the files of `folder`, and is kept for the next run; else it starts empty and is
+    removed at the end. If `send`, files are sent to `folder` as they change, so that a killed run can continue, on
+    another machine too. A run that ends without an error has published its files: they are not sent again.
+    """
+    if isinstance(folder, Path):
+        folder.mkdir(parents=True, exist_ok=True)
+        yield folder
+        return
+    if not begin:
+        with temporary_folder() as empty:
+            yield empty
+        return
+    local = cache_of(folder)
+    local.mkdir(parents=True, exist_ok=True)
+    cached = files_below(local)
+    newer = [name for name, file in files_below(folder).items() if name not in cached or file.written > cached[name].written]
+    copy(folder, local, newer)
+    if not send:
+        yield local
+        return
+    copied = files_below(local)
+    sent, ended = {name: copied[name] for name in newer}, Event()  # a killed run may not have sent the others
+
+    def send_until_ended() -> None:
+        while not ended.wait(SECONDS):
+            with suppress(BaseError, OSError):  # tried again, the last time with its error
+                _send_changed(local, folder, sent)
+
+    sender = Thread(target=send_until_ended, daemon=True)
+    sender.start()
+    unfinished = True
+    try:
+        yield local
+        unfinished = False
+    finally:
+        ended.set()
+        sender.join()
+        if unfinished:
+            _send_changed(local, folder, sent)
+
+
+def _send_changed(local: Path, folder: Location, sent: dict[str, File]) -> None:
+    """Copy the files that have changed since they were sent."""
+    files = {name: file for name, file in files_below(local).items() if not name.endswith(TEMPORARY)}
+    changed = [name for name, file in files.items() if sent.get(name) != file]
+    copy(local, folder, changed)
+    sent.update({name: files[name] for name in changed})

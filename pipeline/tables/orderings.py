@@ -16,9 +16,9 @@ from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, difference_inter
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.models.families import FAMILIES, ROWS, network_of
 from pipeline.rng import numpy_rng
+from pipeline.tables.supplement_figures import TABLE_2, TABLE_3
 from pipeline.tables.training_seeds import Values, chamfer_of, read_values
 from stages.evaluate.evaluation_files import Figures, read_root
-from stages.evaluate.supplement_figures import TABLE_2, TABLE_3
 
 MIN_OBJECTS = 6
 """Objects that a verdict needs: fewer agree by chance more than once in twenty, and give bootstrap intervals that are too short."""

@@ -6,17 +6,17 @@ from typing import Annotated
 
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
-from pipeline.console import Row, Table, pluralise
+from pipeline.console import Columns, Table, pluralise, tabulate
 from pipeline.dataset.touch_statistics import PAPER
 from pipeline.errors import StoreError, first_line
 from pipeline.formats.description_file import invalid_entries
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import exists
+from pipeline.tables.evaluation_tables import evaluation_tables
 from pipeline.tables.orderings import orderings, orderings_table
+from pipeline.tables.supplement_figures import BEST_EPOCH
 from pipeline.tables.training_seeds import trainings_table
 from pipeline.training.loop import METRICS, read_metrics
-from stages.evaluate.supplement_figures import BEST_EPOCH
-from stages.evaluate.tables import evaluation_tables
 
 
 def trained_models(directory: DataDirectory, evaluated: Sequence[str]) -> dict[str, str]:
@@ -30,6 +30,10 @@ class _Hardware(BaseModel):
     processes: int
     threads: int
     precision: str
+
+    @property
+    def text(self) -> str:
+        return f"{self.device}, {pluralise(self.processes, 'process')} of {pluralise(self.threads, 'thread')}, {self.precision}"
 
 
 class _Best(BaseModel):
@@ -58,14 +62,16 @@ def training_facts(directory: DataDirectory, name: str) -> TrainingFacts:
 
 def training_table(trained: Mapping[str, TrainingFacts]) -> Table:
     """List each model's training: epochs, loss, time and hardware, by name."""
-    columns = ["model", "parameters", "epochs", "best epoch", f"best in {PAPER}", "validation loss", "seconds", "hardware"]
-    rows = []
-    for name, facts in trained.items():
-        ran = facts.hardware
-        hardware = f"{ran.device}, {pluralise(ran.processes, 'process')} of {pluralise(ran.threads, 'thread')}, {ran.precision}"
-        epochs = (facts.epochs, facts.best_epoch + 1, BEST_EPOCH.get(name))
-        rows.append(Row([name, facts.parameters, *epochs, facts.best.loss, facts.training_seconds, hardware]))
-    return Table("Training", columns, rows, ["", ",", "", "", "", ".4g", ".0f", ""])
+    columns: Columns = {
+        "parameters": (",", lambda name: trained[name].parameters),
+        "epochs": ("", lambda name: trained[name].epochs),
+        "best epoch": ("", lambda name: trained[name].best_epoch + 1),
+        f"best in {PAPER}": ("", BEST_EPOCH.get),
+        "validation loss": (".4g", lambda name: trained[name].best.loss),
+        "seconds": (".0f", lambda name: trained[name].training_seconds),
+        "hardware": ("", lambda name: trained[name].hardware.text),
+    }
+    return tabulate("Training", "model", {name: name for name in trained}, columns)
 
 
 class _Losses(BaseModel):
@@ -89,9 +95,9 @@ def results_tables(directory: DataDirectory, evaluated: Sequence[str], scored: S
     tables: list[Table] = []
     folders, scored_folders = ([directory.verified_folder(name) for name in names] for names in (evaluated, scored))
     if first := [*folders[:1], *scored_folders][:1]:
-        tables += evaluation_tables(first[0], [place for place in scored_folders if place != first[0]])
+        tables += evaluation_tables(first[0], [folder for folder in scored_folders if folder != first[0]])
     if folders:
         tables += [*trainings_table(folders), *orderings_table(orderings(folders))]
     if models := trained_models(directory, evaluated):
-        tables.append(training_table({name: training_facts(directory, place) for name, place in models.items()}))
+        tables.append(training_table({name: training_facts(directory, folder) for name, folder in models.items()}))
     return tables

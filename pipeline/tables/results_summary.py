@@ -11,8 +11,8 @@ from pipeline.console import pluralise
 from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.rng import numpy_rng
+from pipeline.tables.comparison import comparable_figures
 from stages.evaluate.baselines import retrieved_by
-from stages.evaluate.comparison import comparable_figures
 from stages.evaluate.evaluation_files import Figures, read_root, read_table
 
 GIVEN = {
@@ -52,13 +52,13 @@ def summarise(folder: Path, scored: Sequence[Path], further: Sequence[Path] = ()
     root = read_root(folder)
     seed, objects = root["seed"], len(read_table(folder, "objects")["object_id"])
     trainings = {name: [figures[name]] for name in network_inputs}
-    for place in further:
-        further_figures = comparable_figures(place, scored)[1]  # of the same grasps
-        for name in trainings.keys() & read_root(place)["configurations"].keys():
+    for training in further:
+        further_figures = comparable_figures(training, scored)[1]  # of the same grasps
+        for name in trainings.keys() & read_root(training)["configurations"].keys():
             trainings[name].append(further_figures[name])
     errors: dict[str, dict[str, Interval]] = {}
     own = () if "method" in root["settings"] else root["configurations"]
-    methods = {read_root(place)["settings"].get("method") for place in (folder, *scored)} - set(own)
+    methods = {read_root(other)["settings"].get("method") for other in (folder, *scored)} - set(own)
     for name, way in _ways(network_inputs).items():
         if name in methods and name == way:  # it would be taken for a graph network
             continue

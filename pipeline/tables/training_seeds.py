@@ -13,12 +13,11 @@ from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.models.families import inputs_of
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
-from pipeline.store.origins import check_origins
+from pipeline.store.validate import check_origins
+from pipeline.tables.evaluation_tables import QUALITY_UNITS
 from stages.evaluate.baselines import retrieved_by
-from stages.evaluate.evaluation_files import Figures, read_figures, read_root, read_table
-from stages.evaluate.settings import SHIPPED_SCORES
+from stages.evaluate.evaluation_files import SHIPPED_SCORES, Figures, read_figures, read_root, read_table
 from stages.evaluate.shipped import shipped_digest
-from stages.evaluate.tables import QUALITY_UNITS
 
 MAY_DIFFER = ("training_seed", "configurations")
 """Settings in which evaluations of one report may differ."""
@@ -47,7 +46,7 @@ def _scored(directory: DataDirectory) -> Iterator[tuple[str, str | None]]:
                 yield name, str(error)
             else:
                 outdated = name == SHIPPED_SCORES and settings["weights"] != shipped_digest()
-                yield name, "another network ships now; measure it with `report --shipped`" if outdated else None
+                yield name, "the pretrained network is another now; measure it with `report --shipped`" if outdated else None
 
 
 def read_values(folders: Sequence[Path]) -> Values:

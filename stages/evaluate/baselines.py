@@ -19,6 +19,8 @@ POINTS = 1000
 """Points per object that the search compares; the retrieved object is measured on all of its points."""
 BLOCK = 500
 """Training objects that are in memory at a time, a tenth of a megabyte each, with their silhouettes."""
+CANDIDATES = 200
+"""Training objects, spread evenly, among which the typical one is chosen: each is compared with each."""
 MASKS = 64
 """Test objects whose silhouettes are compared at a time."""
 BASELINE_PREFIX = "training object, "
@@ -51,7 +53,6 @@ def retrieve(
     figures: Callable[[CloudDistances, int], Mapping[str, float]],  # of the distances for a test object's number
     *,
     console: Console,
-    most: int,  # training objects, spread evenly, among which the typical one is chosen
     silhouettes: Silhouettes | None = None,  # for networks that take images
     touched: Sequence[NDArray[np.float64]] | None = None,  # (N, 3) m, of each test object, if there are touches
 ) -> dict[str, Figures]:  # by method of choice
@@ -63,7 +64,7 @@ def retrieve(
     no retrieval is nearer by that distance.
     """
     ids, names = objects.rows.object_ids, training.object_ids
-    spread = np.linspace(0, len(names) - 1, min(len(names), most)).astype(int)
+    spread = np.linspace(0, len(names) - 1, min(len(names), CANDIDATES)).astype(int)
     sizes = [objects.diagonal(row) for row in range(len(ids))]
     masks = None if silhouettes is None else np.stack([silhouettes(name) for name in ids])  # (object, view, pixel)
     queries = [RetrievalCloud(_scaled(objects.points(row)[:POINTS], sizes[row])) for row in range(len(ids))]

@@ -1,4 +1,4 @@
-"""Evaluations on disk: `tables.zarr` with every figure, and the printed tables as `metrics.json`."""
+"""Evaluations on disk: `tables.zarr` with every figure, and their means in `metrics.json`."""
 
 import re
 import shutil
@@ -17,12 +17,18 @@ from pipeline.errors import StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.directory import DataDirectory
-from pipeline.store.spec import array_spec, numpy_dtype
+from pipeline.store.layout import array_spec, numpy_dtype
 from pipeline.store.storage import list_folder, zarr_store
 from schemas.evaluation import GROUPS, VERSION
 
 TABLES_ZARR = "tables.zarr"
 METRICS = "metrics.json"
+METHOD_NAME = r"^[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}$"
+"""Pattern of the name of a method that is scored, which becomes the name of a folder."""
+SHIPPED_SCORES = "scores/shipped"
+"""Folder of the figures of the pretrained network, below a data directory."""
+SHIPPED_ROWS = "shipped-"
+"""Prefix of the names of its rows in tables: `shipped-touch` takes touches."""
 
 Arrays = dict[str, np.ndarray]
 
@@ -101,6 +107,13 @@ class Figures:
         if not self._lookup(metric, grasps)[1]:
             return np.zeros(0)
         return np.asarray(self.per_case(metric, grasps).mean(axis=1))
+
+    def means(self) -> dict[str, dict[int, float]]:
+        """Average each metric over objects and choices of grasps, by number of grasps."""
+        means: dict[str, dict[int, float]] = {}
+        for (metric, grasps), (_, values) in self._values.items():
+            means.setdefault(metric, {})[grasps] = float(np.mean(values))
+        return means
 
     def available(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
         """List a metric of the objects that have it: (object,)."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,7 @@ from pipeline.config.manifest import TOTAL
 from pipeline.console import pluralise
 from pipeline.dataset.grasps import grasping_sensors
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.dataset.object_rows import ObjectRows
-from pipeline.dataset.touch_charts import is_surface
+from pipeline.dataset.object_rows import ObjectRows, is_surface
 from pipeline.dataset.touch_statistics import tally
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import InvalidInput
@@ -28,15 +27,16 @@ from pipeline.kernels.metrics.surface_quality import (
 )
 from pipeline.kernels.touch.depth_maps import local_points
 from pipeline.kernels.vision.scene import Label
-from pipeline.models.reconstruction import Reconstructor, close_reconstruction
+from pipeline.models.reconstruction import close_reconstruction
 from pipeline.rng import numpy_rng
 from pipeline.store.storage import Location
 from schemas.charts import STOP_RULES
 from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
 from stages.evaluate.ground_truth import TestObjects, training_objects
-from stages.evaluate.measure import Case, MeasuredCase, Protocol
-from stages.evaluate.settings import GraspMeasuringSettings
+from stages.evaluate.measure import MeasuredCase, Protocol
+from stages.evaluate.reconstructors import Case, Reconstructor
+from stages.evaluate.stage import GraspMeasuringSettings
 
 ALL = TOTAL
 """The class of every object, the stop rule of every chart."""
@@ -47,37 +47,36 @@ POINTS_IN_BOX = 20_000
 
 
 class GraspProtocol(Protocol):
-    """Measure reconstructions from grasps. It reads only the images and charts that the models take."""
+    """Measure reconstructions from grasps. It reads only the images and charts that the networks take."""
 
     stage = "evaluate"
-    keeps_surfaces = True
-    reads_charts: ClassVar[bool] = True
 
-    def __init__(self, job: DatasetJob, models: Sequence[Any]) -> None:
-        self.job, self.takes_image, self.takes_touch = job, any(model.image for model in models), any(model.touch for model in models)
+    def __init__(self, job: DatasetJob, reconstructors: Sequence[Reconstructor]) -> None:
+        self.job, self.takes_image = job, any(item.image for item in reconstructors)
+        self.takes_touch, charts = (any(getattr(item, name) for item in reconstructors) for name in ("touch", "charts"))
         self.settings: GraspMeasuringSettings = job.settings
-        self.objects = TestObjects(job.data, arrays_of(models, charts=self.reads_charts), self.settings.points, self.stage)
+        self.objects = TestObjects(job.data, arrays_of(reconstructors), self.settings.points, self.stage)
         self.training = training_objects(job.data, ["points", "segmentation"] if self.takes_image else ["points"])
         self.poses, self.touched = self.objects.stack("sensor_pose"), self.objects.stack("touch_success")  # (object, grasp, sensor, …)
         rows = self.objects.rows
         self.sensors = rows.sensors() if self.takes_touch else grasping_sensors({"grasps": rows.attributes("grasps")})
         available = self.touched.shape[1]
-        if (missing := [str(number) for number in self.settings.grasps if number > available]) and self.takes_touch and self.reads_charts:
+        if (missing := [str(number) for number in self.settings.grasps if number > available]) and charts:
             job.console.print(
-                f"evaluate.grasps: {', '.join(missing)} left out: the dataset holds {pluralise(available, 'grasp')} of each object "
+                f"evaluate.grasps: {', '.join(missing)} skipped: the dataset holds {pluralise(available, 'grasp')} of each object "
                 "(simulate-grasps.grasps)"
             )
         self._diagonals = [self.objects.diagonal(row) for row in range(len(self.objects))]
 
-    def cases(self, model: Reconstructor) -> list[Case]:
-        """List the cases of a model; see `make_cases`."""
-        return make_cases(self.touched.shape[1], self.settings.grasps, touch=model.touch, occluded=model.image == "occluded")
+    def cases(self, reconstructor: Reconstructor) -> list[Case]:
+        """List the cases of the dataset's grasps."""
+        return reconstructor.cases(self.touched.shape[1], self.settings.grasps)
 
     def identity(self, object_id: str, case: Case) -> tuple[str | int, ...]:
         """Name the draw of points by object and grasps."""
         return object_id, case.first, case.grasp_count
 
-    def figures(self, model: Any, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
+    def figures(self, reconstructor: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure the distances of a case; add its appearance if it is the first, and the rings around its touches if it has one grasp."""
         settings, case = self.settings, measured.case
         distances = dict(self.distance_figures(measured.distances, measured.row))
@@ -88,7 +87,7 @@ class GraspProtocol(Protocol):
             distances |= {metric + suffix: figure for metric, figure in figures.items()}
         yield from ((first, metric, value) for first in case.firsts for metric, value in distances.items())
         if measured.is_first:
-            appearance = self.appearance(measured) | self.closed(model, measured)
+            appearance = self.appearance(measured) | self.closed(reconstructor, measured)
             yield from ((case.first, metric, value) for metric, value in appearance.items())
         if case.grasp_count == 1:
             yield from self.rings(measured)
@@ -132,7 +131,7 @@ class GraspProtocol(Protocol):
             "crossing": float(crossing_faces(reconstruction.vertices, vision, reconstruction.position).mean()),
         }
 
-    def closed(self, model: Any, measured: MeasuredCase) -> dict[str, float]:
+    def closed(self, reconstructor: Any, measured: MeasuredCase) -> dict[str, float]:
         """Measure the overlap of the insides of the object and a reconstruction, closed if the settings ask for it.
 
         The figures are `watertight` (0 or 1) and, if the object's mesh is watertight, `iou`, which is 0 of an open
@@ -141,7 +140,7 @@ class GraspProtocol(Protocol):
         """
         object_id, reconstruction = self.objects.rows.object_ids[measured.row], measured.reconstruction
         if self.settings.closed_resolution:
-            observation = self.observe(model, measured.row, measured.case)
+            observation = reconstructor.observe(self.objects.rows, object_id, measured.case)
             vertices, faces = close_reconstruction(reconstruction, self.settings.closed_resolution, observation)
         elif reconstruction.is_whole and len(reconstruction.faces):
             vertices, faces = reconstruction.vertices, reconstruction.faces
@@ -178,7 +177,6 @@ class GraspProtocol(Protocol):
             self.training,
             self.distance_figures,
             console=self.job.console,
-            most=self.settings.looked_up,
             silhouettes=silhouettes if images else None,
             touched=touched,
         )
@@ -197,42 +195,15 @@ class GraspProtocol(Protocol):
         return groups
 
 
-def make_cases(
-    available: int,  # grasps per object
-    numbers: Sequence[int],  # of grasps to evaluate; those above `available` are skipped
-    *,
-    touch: bool,  # the model takes touches
-    occluded: bool,  # the model takes the occluded image
-) -> list[Case]:
-    """List the cases of a model.
-
-    A model without touch gives the same result for any number of grasps, and without the occluded image for any grasp.
-    All grasps together are the same input whichever comes first.
-    """
-    every = tuple(range(available))
-    if not touch:
-        return [Case(first, (), 1, (first,)) for first in every] if occluded else [Case(0, (), 1, every)]
-    cases = []
-    for number in (number for number in numbers if number <= available):
-        if number == available and not occluded:
-            cases.append(Case(0, every, number, every))
-            continue
-        for first in every:
-            cases.append(Case(first, tuple((first + step) % available for step in range(number)), number, (first,)))
-    return cases
-
-
 def arrays_of(
-    models: Sequence[Any],  # name the image that they take, and whether they take touch
-    *,
-    charts: bool = True,  # those with touch take it as touch charts
+    reconstructors: Sequence[Reconstructor],
 ) -> list[str]:
-    """List the arrays that these models' evaluation reads; `untouched` for the sensor in the attributes."""
-    images = sorted({model.image for model in models if model.image is not None})
+    """List the arrays that an evaluation reads; `untouched` for the sensor in the attributes."""
+    images = sorted({item.image for item in reconstructors if item.image is not None})
     images += ["projection"] if images else []
-    if not any(model.touch for model in models):
+    if not any(item.touch for item in reconstructors):
         return ["points", "normals", "sensor_pose", "touch_success", *images]
-    fitted = ["vertices", "residual", "iterations", "stop_rule"] if charts else []
+    fitted = ["vertices", "residual", "iterations", "stop_rule"] if any(item.charts for item in reconstructors) else []
     return ["points", "normals", "sensor_pose", "touch_success", "depth", "untouched", *images, *fitted]
 
 

@@ -1,9 +1,9 @@
-"""One model on the objects of a split: reconstruct each case once, and measure it by a protocol."""
+"""One network or method on the objects of a split: reconstruct each case once, and measure it by a protocol."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,21 +14,11 @@ from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError
 from pipeline.kernels.geometry.mesh import sample_triangles
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances
-from pipeline.models.observation import Observation, stored_observation
-from pipeline.models.reconstruction import Reconstruction, Reconstructor
+from pipeline.models.reconstruction import Reconstruction
 from pipeline.rng import numpy_rng
 from stages.evaluate.evaluation_files import Arrays, Figure, Figures
 from stages.evaluate.ground_truth import TestObjects
-
-
-@dataclass(frozen=True)
-class Case:
-    """Choose grasps, or a view, the same for every object."""
-
-    first: int  # the first grasp, with whose hand the occluded image is; or the view
-    grasps: tuple[int, ...]  # whose touches are given, none for a model without touch
-    grasp_count: int  # under which the figures are reported
-    firsts: tuple[int, ...]  # the first grasps whose figures the reconstruction gives
+from stages.evaluate.reconstructors import Case, Reconstructor
 
 
 @dataclass(frozen=True)
@@ -45,46 +35,31 @@ class MeasuredCase:
 
 
 class Protocol(ABC):
-    """Choose the inputs of models and the figures of their reconstructions."""
+    """Choose the inputs of networks and the figures of their reconstructions."""
 
     stage: ClassVar[str]  # its name
-    keeps_surfaces: ClassVar[bool] = False
     objects: TestObjects
     training: ObjectRows | None  # from which baselines retrieve, if there are any
 
     @abstractmethod
-    def cases(self, model: Reconstructor) -> list[Case]:
-        """List the cases of a model."""
+    def cases(self, reconstructor: Reconstructor) -> list[Case]:
+        """List the cases of a network or method."""
 
     @abstractmethod
     def identity(self, object_id: str, case: Case) -> tuple[str | int, ...]:
-        """Name the draw of points from a reconstruction, for the random generator: the same for every model, whatever it is called."""
+        """Name the draw of points from a reconstruction, for the random generator: the same for every network, whatever it is called."""
 
     @abstractmethod
-    def figures(self, model: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
-        """Measure a model's reconstruction of an object in a case: first grasp or view, metric and value."""
+    def figures(self, reconstructor: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
+        """Measure the reconstruction of an object in a case: first grasp or view, metric and value."""
 
     @abstractmethod
     def baselines(self) -> dict[str, Figures]:
         """Measure training objects in place of reconstructions, by method of choice."""
 
-    @abstractmethod
     def extra(self) -> dict[str, Arrays]:
-        """Make further groups of the schema."""
-
-    def observe(self, model: Reconstructor, row: int, case: Case) -> Observation:
-        """Read a model's input: the object with that number, in a case."""
-        return stored_observation(self.objects.rows, self.objects.rows.object_ids[row], case.grasps or (case.first,), model.config)
-
-    def reconstruct(self, model: Any, work: Sequence[tuple[int, Case]]) -> list[Reconstruction]:
-        """Reconstruct objects, given by number, in cases."""
-        reconstructions: list[Reconstruction] = model.reconstruct([self.observe(model, row, case) for row, case in work])
-        return reconstructions
-
-
-def stored(reconstruction: Reconstruction) -> Reconstruction:
-    """Round a reconstruction to float32, in which it is stored and exported, so that measurements can be repeated from files."""
-    return replace(reconstruction, vertices=reconstruction.vertices.astype(np.float32).astype(np.float64))
+        """Make further groups of the schema; by default none."""
+        return {}
 
 
 def sample_reconstruction(
@@ -100,54 +75,47 @@ def sample_reconstruction(
 
 
 def measure(
-    name: str,
-    model: Any,
+    reconstructor: Reconstructor,
     protocol: Protocol,
-    job: DatasetJob,
-) -> tuple[list[Figure], Arrays]:  # figures, and the group below `predictions` or `meshes`
-    """Measure a model, or another method that the protocol reconstructs with, on the test objects.
-
-    Batch size and seed are the job's. The group is empty if the protocol keeps no surfaces. A `StageError` names a
-    reconstruction that is not finite.
-    """
-    objects, cases, size = protocol.objects, protocol.cases(model), job.settings.batch_size
-    kept_cases = cases if model.has_charts else [case for case in cases if case.first == 0]  # meshes are larger
+    job: DatasetJob,  # batch size and seed
+) -> tuple[list[Figure], Arrays]:  # figures, and the group below `predictions` or `meshes`, empty if no surfaces are kept
+    """Measure a network or method on the test objects; a `StageError` names a reconstruction that is not finite."""
+    objects, cases, size = protocol.objects, protocol.cases(reconstructor), job.settings.batch_size
+    kept_cases = cases if reconstructor.has_charts else [case for case in cases if case.first == 0]  # meshes are larger
     rows: list[Figure] = []
     kept: list[Reconstruction] = []
     work = [(row, case) for row in range(len(objects)) for case in cases]
-    with Meter(job.console, f"{protocol.stage} {name}", len(work), "reconstructions") as meter:
+    with Meter(job.console, f"{protocol.stage} {reconstructor.name}", len(work), "reconstructions") as meter:
         for start in range(0, len(work), size):
             batch = work[start : start + size]
-            surfaces = map(stored, protocol.reconstruct(model, batch))
-            for (row, case), reconstruction in zip(batch, surfaces, strict=True):
+            surfaces = reconstructor.reconstruct(objects.rows, [(objects.rows.object_ids[row], case) for row, case in batch])
+            for (row, case), surface in zip(batch, surfaces, strict=True):
+                # float32, in which it is stored and exported, so that measurements can be repeated from files
+                reconstruction = replace(surface, vertices=surface.vertices.astype(np.float32).astype(np.float64))
                 object_id = objects.rows.object_ids[row]
                 identity = protocol.identity(object_id, case)
                 if not np.isfinite(reconstruction.vertices).all():
-                    case_name = " ".join(map(str, (name, *identity)))
+                    case_name = " ".join(map(str, (reconstructor.name, *identity)))
                     raise StageError(f"the reconstruction of {case_name} holds NaN or infinity; was the model trained to the end?")
                 points, faces = sample_reconstruction(reconstruction, objects.count, numpy_rng(job.seed, protocol.stage, *identity))
                 distances = cloud_distances(points, objects.points(row))
                 measured = MeasuredCase(row, case, reconstruction, points, faces, distances, is_first=case is cases[0])
                 rows += [
-                    Figure(object_id, first, case.grasp_count, metric, value) for first, metric, value in protocol.figures(model, measured)
+                    Figure(object_id, first, case.grasp_count, metric, value)
+                    for first, metric, value in protocol.figures(reconstructor, measured)
                 ]
-                if protocol.keeps_surfaces and case in kept_cases:
+                if reconstructor.keeps_surfaces and case in kept_cases:
                     kept.append(reconstruction)
                 meter.advance()
     if not kept:
         return rows, {}
-    surfaces_of = _charts if model.has_charts else _meshes
+    surfaces_of = _charts if reconstructor.has_charts else _meshes
     return rows, {
         "object_id": np.array(objects.rows.object_ids),
         "first_grasp": np.array([case.first for case in kept_cases]),
         "grasps_given": np.array([len(case.grasps) for case in kept_cases]),
         **surfaces_of(kept, (len(objects), len(kept_cases))),
     }
-
-
-def surfaces_group(model: Reconstructor) -> str:
-    """Name the group that holds a model's surfaces."""
-    return "predictions" if model.has_charts else "meshes"
 
 
 def _charts(kept: Sequence[Reconstruction], shape: tuple[int, int]) -> Mapping[str, np.ndarray]:

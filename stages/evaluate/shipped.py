@@ -1,11 +1,11 @@
-"""The network that ships, on the test objects of any dataset: rows beside the networks that were trained on it."""
+"""The pretrained network on the test objects of any dataset: rows beside the networks that were trained on it."""
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from pipeline.config.settings import setting
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import Cost, DatasetJob
 from pipeline.models.families import ROWS, load_reconstructor, load_rows, model_name, trained_folder
@@ -16,39 +16,36 @@ from pipeline.store.directory import DataDirectory
 from pipeline.training.device import device_of
 from schemas.charts import CHARTS
 from schemas.vision import VISION
-from stages.evaluate.grasp_protocol import GraspProtocol
-from stages.evaluate.measure import Case
-from stages.evaluate.settings import SHIPPED_ROWS, SHIPPED_SCORES, ShippedSettings
-from stages.evaluate.stage import Evaluate
+from stages.evaluate.evaluation_files import SHIPPED_ROWS, SHIPPED_SCORES
+from stages.evaluate.reconstructors import Network
+from stages.evaluate.stage import Evaluate, GraspMeasuringSettings
 
 
-class FirstGraspProtocol(GraspProtocol):
-    """Measure reconstructions from each object's first grasp alone: a fifth of the time of five grasps."""
+class ShippedSettings(GraspMeasuringSettings):
+    """Choose what the pretrained network is given; these settings are those of `vt-pipeline report --shipped`."""
 
-    def cases(self, model: Reconstructor) -> list[Case]:
-        """List one case per number of grasps."""
-        return [replace(case, firsts=(0,)) for case in super().cases(model) if case.first == 0]
+    configurations: tuple[str, ...] = setting(..., "its inputs: rows of the tables", changes="definition")
+    weights: str = setting(..., "SHA-256 of the record of the weights", changes="definition")
+    learned_from: tuple[str, ...] = setting((), "test objects that it has learned from", changes="definition")
 
 
 class EvaluateShipped(Evaluate):
-    """Measure the network that ships as `evaluate` measures the networks of a data directory, and keep its meshes."""
+    """Measure the pretrained network as `evaluate` measures the networks of a data directory, and keep its meshes."""
 
     name = "evaluate-shipped"
-    summary = "The network that ships on the test objects: the tables of `evaluate`."
+    summary = "The pretrained network on the test objects: the tables of `evaluate`."
     settings_type = ShippedSettings
-    protocol = FirstGraspProtocol
 
-    def rows(self, settings: Any) -> dict[str, str]:
+    def models(self, settings: Any) -> tuple[str, ...]:
         """Name no model of the data directory."""
-        return {}
+        return ()
 
-    def load(self, job: DatasetJob) -> dict[str, Reconstructor]:
-        """Load the network that ships, with the inputs of each row."""
+    def reconstructors(self, job: DatasetJob) -> list[Network]:
+        """Load the pretrained network, with the inputs of each row."""
         loaded = load_rows(dict.fromkeys(job.settings.configurations, shipped_folder()), device_of(job.settings.accelerator))
-        return {SHIPPED_ROWS + name.removeprefix(f"{DEFAULT}-"): network for name, network in loaded.items()}
+        return [Network(SHIPPED_ROWS + name.removeprefix(f"{DEFAULT}-"), model, first_only=True) for name, model in loaded.items()]
 
     def writes(self, settings: Any) -> str:
-        """Name the folder."""
         return SHIPPED_SCORES
 
     def cost(self, settings: Any, objects: int) -> Cost:
@@ -57,12 +54,12 @@ class EvaluateShipped(Evaluate):
 
 
 def shipped_folder() -> Path:
-    """Return the folder of the network that ships; raise a `StageError` if this version has none."""
+    """Return the folder of the pretrained network; raise a `StageError` if this version has none."""
     return trained_folder(shipped_models(), DEFAULT)
 
 
 def shipped_digest() -> str:
-    """Compute the SHA-256 of its record, which names every file of the weights by its digest; empty if no network ships."""
+    """Compute the SHA-256 of its record, which names every file of the weights by its digest; empty if there is none."""
     record = SHIPPED / f"{model_name(DEFAULT).removeprefix('models/')}.json"
     return hashlib.sha256(record.read_bytes()).hexdigest() if record.exists() else ""
 
@@ -88,7 +85,7 @@ def _unfit(directory: DataDirectory, model: Reconstructor) -> Iterator[tuple[str
         if not images.shards or (kind == "occluded" and not images.first.has(kind)):
             yield kind, "render-vision has not made it"
         elif not is_seen_as_learned:
-            yield kind, "not all images are from the camera that it knows"
+            yield kind, "not all images are from the camera that it was trained with"
     if not charts.shards:
         yield "touch", "fit-charts has not been run"
     elif (vertices := charts.first.array("vertices").shape[-2]) != model.config.side**2:

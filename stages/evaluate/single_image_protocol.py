@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import DatasetJob
 from pipeline.kernels.metrics.cloud_distances import CloudDistances
-from pipeline.models.reconstruction import Reconstructor
 from stages.evaluate.baselines import retrieve
-from stages.evaluate.evaluation_files import Arrays, Figures
+from stages.evaluate.evaluation_files import Figures
 from stages.evaluate.ground_truth import TestObjects, training_objects
-from stages.evaluate.measure import Case, MeasuredCase, Protocol
-from stages.evaluate.settings import SingleImageEvaluationSettings
+from stages.evaluate.measure import MeasuredCase, Protocol
+from stages.evaluate.reconstructors import Case, Reconstructor
+from stages.evaluate.stage import SingleImageEvaluationSettings
 
 ARRAYS = ("points", "rendering", "rendering_camera", "silhouette")
 STEP = 2
@@ -27,7 +27,7 @@ class SingleImageProtocol(Protocol):
 
     stage = "evaluate-single-image"
 
-    def __init__(self, job: DatasetJob, models: Sequence[Reconstructor]) -> None:
+    def __init__(self, job: DatasetJob, reconstructors: Sequence[Reconstructor]) -> None:
         self.job, self.settings = job, job.settings
         settings: SingleImageEvaluationSettings = job.settings
         self.objects = TestObjects(job.data, ARRAYS, settings.points, self.stage)
@@ -35,7 +35,7 @@ class SingleImageProtocol(Protocol):
         self.views = min(settings.views, self.objects.rows.size("rendering", "viewpoint"))
         self._scales = [self._scale_of(row) for row in range(len(self.objects))]
 
-    def cases(self, model: Reconstructor) -> list[Case]:
+    def cases(self, reconstructor: Reconstructor) -> list[Case]:
         """List the views."""
         return [Case(view, (), 1, (view,)) for view in range(self.views)]
 
@@ -43,7 +43,7 @@ class SingleImageProtocol(Protocol):
         """Name the draw of points by object and view."""
         return object_id, case.first
 
-    def figures(self, model: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
+    def figures(self, reconstructor: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure the distances of a view."""
         yield from ((measured.case.first, metric, value) for metric, value in self._figures(measured.distances, measured.row).items())
 
@@ -56,12 +56,7 @@ class SingleImageProtocol(Protocol):
         def silhouettes(object_id: str) -> NDArray[np.bool_]:
             return all_objects.read("silhouette", object_id)[: self.views, ::STEP, ::STEP].reshape(self.views, -1)
 
-        options = {"console": self.job.console, "most": self.settings.looked_up}
-        return retrieve(self.objects, self.training, self._figures, **options, silhouettes=silhouettes)
-
-    def extra(self) -> dict[str, Arrays]:
-        """Return no further groups."""
-        return {}
+        return retrieve(self.objects, self.training, self._figures, console=self.job.console, silhouettes=silhouettes)
 
     def _figures(self, distances: CloudDistances, row: int) -> Mapping[str, float]:
         return figures_of(distances, scale=self._scales[row], tau=self.settings.tau)

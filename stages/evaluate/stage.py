@@ -4,21 +4,21 @@ import json
 import shlex
 import shutil
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import AfterValidator, Field
 from rich.markup import escape
 
 from pipeline.config.manifest import SPLITS
-from pipeline.dataset.touch_statistics import has_paper_sizes
+from pipeline.config.settings import Settings, setting
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
-from pipeline.models.families import inputs_of, load_rows, model_name
-from pipeline.models.reconstruction import Reconstructor
+from pipeline.errors import unknown_name
+from pipeline.models.families import GRASP_CONFIGURATIONS, ROWS, inputs_of, load_rows, model_name
 from pipeline.store.directory import DataDirectory
-from pipeline.store.row_files import Result, RowFiles
-from pipeline.training.device import device_of, torch_threads
+from pipeline.store.rows import Result, RowFiles
 from schemas.base import Artifact
 from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
@@ -27,117 +27,179 @@ from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import METRICS, Arrays, Figure, Figures, evaluation_name, long_table, write_evaluation
-from stages.evaluate.grasp_protocol import GraspProtocol
-from stages.evaluate.measure import Protocol, measure, surfaces_group
-from stages.evaluate.settings import EvaluationSettings, GraspMeasuringSettings, SingleImageEvaluationSettings
-from stages.evaluate.single_image_protocol import SingleImageProtocol
-from stages.evaluate.tables import evaluation_tables
+
+if TYPE_CHECKING:
+    from stages.evaluate.measure import Protocol
+    from stages.evaluate.reconstructors import Reconstructor
 
 MEASURED = "measured"
-"""Folder of the row files of finished models, which a killed run leaves."""
+"""Folder of the row files of finished networks, which a killed run leaves."""
 
 
-class NetworkEvaluation(DatasetStage):
-    """Measure trained models by a protocol."""
+def _with_one(grasps: tuple[int, ...]) -> tuple[int, ...]:
+    if 1 not in grasps or len(set(grasps)) < len(grasps):
+        raise ValueError(f"{grasps}: numbers must be unique and include 1, which two tables use")
+    return tuple(sorted(grasps))
 
-    protocol: ClassVar[Callable[..., Protocol]]
+
+def _known(names: tuple[str, ...]) -> tuple[str, ...]:
+    known = [*GRASP_CONFIGURATIONS, *ROWS]
+    if strange := [name for name in names if name not in known]:
+        raise ValueError(unknown_name("configuration", strange[0], known))
+    # a network that accepts any subset of inputs is evaluated with each
+    rows = [row for name in names for row in ([row for row, (network, _) in ROWS.items() if network == name] or [name])]
+    if not rows or len(set(rows)) < len(rows):
+        raise ValueError(f"{names}: name some of {', '.join(known)}, each once")
+    return tuple(rows)
+
+
+class MeasuringSettings(Settings):
+    """The settings of a measurement of networks by any protocol."""
+
+    points: int = setting(10_000, "points drawn from each surface: as many as S^obj has; the sampling floor falls with them", ge=2)
+    tau: float = setting(1e-4, "squared distance of F1 in Table 4's protocol, in its scaled unit", gt=0, le=1e6, changes="definition")
+    batch_size: int = setting(16, "as in training; more needs more memory, and sums may differ in their last bit with it", ge=1)
+    threads: int = setting(1, "of torch on a CPU, as in training", ge=1)
+    accelerator: Literal["auto", "cpu", "cuda"] = setting("auto", "a GPU where there is one", changes="speed")
+
+
+class GraspMeasuringSettings(MeasuringSettings):
+    """Choose what is measured of surfaces that were made from grasps (supplement 3.5, Tables 2 to 4)."""
+
+    grasps: Annotated[tuple[Annotated[int, Field(ge=1)], ...], AfterValidator(_with_one)] = setting(
+        (1, 2, 3, 4, 5), "Table 3's numbers of grasps; larger ones than the dataset's are skipped, and named", changes="definition"
+    )
+    scale: float = setting(
+        1.14,
+        "Table 4's protocol takes objects of diagonal 1 times 0.57; here their diagonal is 0.5 m, so tau means the same",
+        gt=0,
+        le=1e6,
+        changes="definition",
+    )
+    rings: int = setting(5, "Table 2's rings, one sensor width after the other", ge=1, changes="definition")
+    closed_resolution: int | None = setting(
+        None,
+        "edges along the longest side of a closed mesh of each object's reconstruction with one grasp, for its watertightness and "
+        "intersection over union; null measures those of networks that make closed meshes, as they are; docs/guide/learning.md has "
+        "the times; fewer edges than 64 would swell thin bodies",
+        ge=64,
+        le=400,
+    )
+
+
+class EvaluationSettings(GraspMeasuringSettings):
+    """Choose which networks are measured."""
+
+    configurations: Annotated[tuple[str, ...], AfterValidator(_known)] = setting(
+        ("none", "touch", "occluded", "occluded-touch", "unoccluded", "unoccluded-touch"),
+        "the supplement's five modalities and no input at all; what none of them takes need not have been made",
+        changes="definition",
+    )
+    training_seed: int = setting(0, "whose networks are evaluated: those of the trainings with this setting", ge=0, changes="definition")
+
+
+class SingleImageEvaluationSettings(MeasuringSettings):
+    """Table 4's standard, and how many views of each object are measured (supplement 3.6)."""
+
+    views: int = setting(
+        5,
+        "views per test object, the first ones, and per training object of the baselines; the cited evaluations take all 24",
+        ge=1,
+        changes="definition",
+    )
+    scale: float = setting(
+        0.57, "what objects whose bounding box has diagonal 1 are multiplied by, the standard's", gt=0, le=1e6, changes="definition"
+    )
+
+
+class Evaluation(DatasetStage):
+    """Measure networks or other methods by a protocol."""
 
     @abstractmethod
-    def rows(self, settings: Any) -> dict[str, str]:
-        """Name the folder of the model of each row of the tables."""
+    def reconstructors(self, job: DatasetJob) -> "Sequence[Reconstructor]":
+        """Load what is measured: a row of the tables each."""
 
-    def models(self, settings: Any) -> tuple[str, ...]:
-        """Name the models, of which one may have several rows."""
-        return tuple(dict.fromkeys(self.rows(settings).values()))
+    @abstractmethod
+    def protocol(self, job: DatasetJob, reconstructors: "Sequence[Reconstructor]") -> "Protocol":
+        """Open the objects and choose what is measured of reconstructions."""
 
     def attributes(self, job: DatasetJob, protocol: Any) -> dict[str, Any]:
         """Return further attributes of the evaluation's root; by default none."""
         return {}
 
-    def load(self, job: DatasetJob) -> dict[str, Reconstructor]:
-        """Load the network of each row."""
-        folders = {name: job.models[model] for name, model in self.rows(job.settings).items()}
-        return load_rows(folders, device_of(job.settings.accelerator))
-
     def make(self, job: DatasetJob) -> dict[str, Any]:
-        """Measure model by model, then the baselines, and write the tables."""
-        models = self.load(job)
-        protocol = self.protocol(job, list(models.values()))
+        """Measure one network or method after the other, then the baselines; write all figures and their means."""
+        from pipeline.dataset.touch_statistics import has_paper_sizes
+        from pipeline.training.device import torch_threads
+
+        reconstructors = self.reconstructors(job)
+        protocol = self.protocol(job, reconstructors)
+        rows = protocol.objects.rows
         figures: dict[str, Figures] = {}
         groups: dict[str, Mapping[str, Any]] = {"objects": protocol.objects.table(), **protocol.extra()}
         with torch_threads(job.settings.threads):
-            for name, model in models.items():
-                rows, surfaces = _measured(name, model, protocol, job)
-                figures[name] = Figures(protocol.objects.rows.object_ids, rows)
-                groups |= {f"{surfaces_group(model)}/{name}": surfaces} if surfaces else {}
-        inputs = {name: {"image": model.image, "touch": model.touch} for name, model in models.items()}
-        write_measured(job, protocol, figures, groups, inputs, self.attributes(job, protocol))
-        facts = {Path(name).name: DataDirectory(job.data).folder(name).facts for name in job.models}
-        if job.models:
-            job.console.print(escape(f"`vt-pipeline report {shlex.quote(str(job.data))}` shows what was measured"))
+            for item in reconstructors:
+                measured, surfaces = _measured(item, protocol, job)
+                figures[item.name] = Figures(rows.object_ids, measured)
+                for remark in item.remarks():
+                    job.console.print(escape(remark))
+                if surfaces:
+                    groups[f"{'predictions' if item.has_charts else 'meshes'}/{item.name}"] = surfaces
+        attributes = {
+            "settings": job.settings.results(),
+            "seed": job.seed,
+            "split": rows.split,
+            "configurations": {item.name: item.inputs for item in reconstructors},
+            "left_out": rows.left_out,
+            "training_objects": len(protocol.training or ()),
+            "paper_sizes": has_paper_sizes(job.data),
+            **self.attributes(job, protocol),
+        }
+        figures |= protocol.baselines()
+        write_evaluation(job.folder, {**groups, "figures": long_table(figures)}, attributes)
+        content = {**attributes, "means": {name: of_network.means() for name, of_network in figures.items()}}
+        (job.folder / METRICS).write_text(json.dumps(content, indent=2, sort_keys=True, allow_nan=False))
         shutil.rmtree(job.folder / MEASURED, ignore_errors=True)
-        return {"objects": len(protocol.objects), "left_out": len(protocol.objects.rows.left_out), "training": facts}
+        training = {Path(name).name: DataDirectory(job.data).folder(name).facts for name in job.models}
+        if training:
+            job.console.print(escape(f"`vt-pipeline report {shlex.quote(str(job.data))}` shows what was measured"))
+        return {"objects": len(protocol.objects), "left_out": len(rows.left_out), "training": training}
 
 
-def write_measured(
-    job: DatasetJob,
-    protocol: Protocol,
-    figures: Mapping[str, Figures],  # of the networks, by name
-    groups: Mapping[str, Mapping[str, Any]],  # the other groups of the schema
-    inputs: Mapping[str, Mapping[str, Any]],  # of the networks, by name
-    extra_attributes: Mapping[str, Any],  # of the root beside the common ones
-) -> None:
-    """Measure the baselines by the protocol, and write all figures and their tables."""
-    rows = protocol.objects.rows
-    attributes = {
-        "settings": job.settings.results(),
-        "seed": job.seed,
-        "split": rows.split,
-        "configurations": inputs,
-        "left_out": rows.left_out,
-        "training_objects": len(protocol.training or ()),
-        "paper_sizes": has_paper_sizes(job.data),
-        **extra_attributes,
-    }
-    figures = {**figures, **protocol.baselines()}
-    write_evaluation(job.folder, {**groups, "figures": long_table(figures)}, attributes)
-    content = {**attributes, "tables": [table.as_json() for table in evaluation_tables(job.folder)]}
-    (job.folder / METRICS).write_text(json.dumps(content, indent=2, sort_keys=True, allow_nan=False))
+def _measured(item: "Reconstructor", protocol: "Protocol", job: DatasetJob) -> tuple[list[Figure], Arrays]:
+    """Read figures and surfaces from the row file of a killed run, or measure them and write them to one."""
+    from stages.evaluate.measure import measure
 
-
-def _measured(name: str, model: Reconstructor, protocol: Protocol, job: DatasetJob) -> tuple[list[Figure], Arrays]:
-    """Read a model's figures and surfaces from the row file of a killed run, or measure it and write them to one."""
     files = RowFiles(job.folder / MEASURED)
-    if result := files.find(name, protocol.stage):
+    if result := files.find(item.name, protocol.stage):
         arrays = files.load(result)
         rows = [Figure(*row) for row in zip(*(arrays.pop(key).tolist() for key in Figure._fields), strict=True)]
         return rows, {key.removeprefix("surface/"): array for key, array in arrays.items()}
-    rows, surfaces = measure(name, model, protocol, job)
+    rows, surfaces = measure(item, protocol, job)
     figures = dict(zip(Figure._fields, map(np.array, zip(*rows, strict=True)), strict=True))
-    files.save(Result(name=name, key=protocol.stage), figures | {f"surface/{key}": array for key, array in surfaces.items()})
+    files.save(Result(name=item.name, key=protocol.stage), figures | {f"surface/{key}": array for key, array in surfaces.items()})
     return rows, surfaces
 
 
-class Evaluate(NetworkEvaluation):
-    """Make the supplement's tables from trained models."""
+class Evaluate(Evaluation):
+    """Measure trained networks around the grasps of the test objects, for the supplement's tables."""
 
     name = "evaluate"
     summary = "Every trained model on the test objects: the supplement's tables, beside its figures."
     settings_type: ClassVar[type[GraspMeasuringSettings]] = EvaluationSettings
-    protocol = GraspProtocol
 
     def inputs(self, settings: EvaluationSettings) -> tuple[Artifact, ...]:
-        """Name the artifacts that the models take, and the grasps, around whose touch sites every model is measured."""
+        """Name the artifacts that the networks take, and the grasps, around whose touch sites each is measured."""
         networks = [inputs_of(name) for name in settings.configurations]
         takes_image, takes_touch = any(network.image for network in networks), any(network.touch for network in networks)
         return (SURFACES, GRASPS, *([VISION] if takes_image else []), *([TOUCH, CHARTS] if takes_touch else []))
 
-    def rows(self, settings: EvaluationSettings) -> dict[str, str]:
-        """Name the model of each configuration."""
-        return {name: model_name(name, settings.training_seed) for name in settings.configurations}
+    def models(self, settings: EvaluationSettings) -> tuple[str, ...]:
+        """Name the models, of which one may have several rows."""
+        return tuple(dict.fromkeys(model_name(name, settings.training_seed) for name in settings.configurations))
 
     def splits(self, settings: EvaluationSettings) -> tuple[str, ...]:
-        """Name all: the models are measured on test objects only, but Table 1 counts all."""
+        """Name all: only test objects are measured, but baselines retrieve training objects, and Table 1 counts all."""
         return SPLITS
 
     def writes(self, settings: EvaluationSettings) -> str:
@@ -149,34 +211,56 @@ class Evaluate(NetworkEvaluation):
         reconstructions = 12 * len(settings.configurations) * objects / 5
         return Cost(seconds=0.1 * reconstructions, kilobytes=15 * reconstructions)
 
+    def reconstructors(self, job: DatasetJob) -> "Sequence[Reconstructor]":
+        """Load the network of each configuration."""
+        from pipeline.training.device import device_of
+        from stages.evaluate.reconstructors import Network
 
-class EvaluateSingleImage(NetworkEvaluation):
+        folders = {name: job.models[model_name(name, job.settings.training_seed)] for name in job.settings.configurations}
+        return [Network(name, model) for name, model in load_rows(folders, device_of(job.settings.accelerator)).items()]
+
+    def protocol(self, job: DatasetJob, reconstructors: "Sequence[Reconstructor]") -> "Protocol":
+        from stages.evaluate.grasp_protocol import GraspProtocol
+
+        return GraspProtocol(job, reconstructors)
+
+
+class EvaluateSingleImage(Evaluation):
     """Make Table 4 from the trained model."""
 
     name = "evaluate-single-image"
     summary = "The single-image network on the test objects: Table 4, beside the published rows."
     settings_type = SingleImageEvaluationSettings
-    protocol = SingleImageProtocol
 
     def inputs(self, settings: SingleImageEvaluationSettings) -> tuple[Artifact, ...]:
-        """Name the objects' points and renderings."""
         return (SURFACES, RENDERINGS)
 
-    def rows(self, settings: SingleImageEvaluationSettings) -> dict[str, str]:
-        """Name the one model."""
-        return {"single-image": model_name("single-image")}
+    def models(self, settings: SingleImageEvaluationSettings) -> tuple[str, ...]:
+        return (model_name("single-image"),)
 
     def splits(self, settings: SingleImageEvaluationSettings) -> tuple[str, ...]:
         """Name the split that is measured, and the one that baselines retrieve from."""
         return ("train", "test")
 
     def writes(self, settings: SingleImageEvaluationSettings) -> str:
-        """Name the one evaluation of a data directory."""
         return "evaluation-single-image"
 
     def cost(self, settings: SingleImageEvaluationSettings, objects: int) -> Cost:
         """Estimate a fifth of the objects, 0.3 s per view."""
         return Cost(seconds=0.06 * settings.views * objects, kilobytes=0.1 * objects)
+
+    def reconstructors(self, job: DatasetJob) -> "Sequence[Reconstructor]":
+        from pipeline.training.device import device_of
+        from stages.evaluate.reconstructors import Network
+
+        folders = {"single-image": job.models[model_name("single-image")]}
+        loaded = load_rows(folders, device_of(job.settings.accelerator))
+        return [Network(name, model, keeps_surfaces=False) for name, model in loaded.items()]
+
+    def protocol(self, job: DatasetJob, reconstructors: "Sequence[Reconstructor]") -> "Protocol":
+        from stages.evaluate.single_image_protocol import SingleImageProtocol
+
+        return SingleImageProtocol(job, reconstructors)
 
     def attributes(self, job: DatasetJob, protocol: Any) -> dict[str, Any]:
         """Return the manifest and the number of views, which Table 4 names."""

@@ -11,7 +11,7 @@ from pipeline.config.settings import ObjectSettings, described_by, setting
 from pipeline.console import abbreviate, pluralise
 from pipeline.dataset.grasps import check_hand_exists
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.dataset.paired_rows import paired_rows
+from pipeline.dataset.object_rows import paired_rows
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.trade import Trade

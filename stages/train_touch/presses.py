@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows
-from pipeline.dataset.touch_sensors import touch_sensor
+from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows, touch_sensor
 from pipeline.kernels.touch.press_shapes import random_press
 from pipeline.kernels.touch.pressed_gel import press_gel, scaled_gel
 from pipeline.kernels.touch.sensor import Sensor

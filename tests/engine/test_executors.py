@@ -125,7 +125,7 @@ def test_closing_at_once_ends_workers_in_the_middle_of_an_object(tmp_path):
     executor = WorkerProcesses(2)
     results = executor.run(work, units)
     next(results)
-    processes = [worker.process for worker in executor._busy.values()]
+    processes = [worker.process for worker in executor._busy]
     executor.close(at_once=True)
     assert processes
     assert not any(process.is_alive() for process in processes)

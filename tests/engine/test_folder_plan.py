@@ -10,9 +10,8 @@ import pytest
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError, StoreError
 from pipeline.store.directory import DataDirectory
-from pipeline.store.origins import check_origins
 from pipeline.store.record import FolderRecord, serialise_with_checksum
-from pipeline.store.validate import problems_below
+from pipeline.store.validate import check_origins, problems_below
 from pipeline.tables.status import read_account
 from tests.engine.tiny_stages import CONSOLE, Average, MakeNoise, TakeMean, objects, plan_of, request, run
 

@@ -16,11 +16,11 @@ from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.store import garbage, publish, storage
 from pipeline.store.atomic import create, replace_version, version_of, write_atomically
 from pipeline.store.directory import DataDirectory
-from pipeline.store.local_copy import local_copy
-from pipeline.store.row_files import Result, RowFiles
+from pipeline.store.publish import write_group
+from pipeline.store.rows import Result, RowFiles
 from pipeline.store.storage import Location, as_location, files_below, read_bytes, remove
+from pipeline.store.temporary import local_copy
 from pipeline.store.validate import problems_below
-from pipeline.store.write import write_group
 from pipeline.tables.status import read_account
 from tests.engine.tiny_stages import CONSOLE, MEAN, Average, MakeNoise, TakeMean, digest, objects, plan_of, published, request, run
 from tests.object_storage import BUCKET, Answer, Proxy, clear, make_bucket, moto_server, proxy, use

@@ -23,9 +23,8 @@ from pipeline.store import directory as directory_module
 from pipeline.store.atomic import exclusive_lock
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
-from pipeline.store.origins import check_origins
 from pipeline.store.record import read_record
-from pipeline.store.validate import problems_below
+from pipeline.store.validate import check_origins, problems_below
 from pipeline.tables.status import read_account
 from tests.engine.tiny_stages import (
     CONSOLE,

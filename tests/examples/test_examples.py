@@ -1,7 +1,5 @@
 """Every script in `examples/` runs, on a small dataset where it needs one."""
 
-from __future__ import annotations
-
 import runpy
 from pathlib import Path
 

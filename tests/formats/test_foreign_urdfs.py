@@ -3,7 +3,6 @@
 import re
 from dataclasses import replace
 from pathlib import Path
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -11,7 +10,6 @@ import pytest
 import trimesh
 import yaml
 from PIL import Image
-from pipeline.formats.physics_urdf import add_origin, write_physics_urdf
 from scipy.spatial.transform import Rotation
 
 from pipeline.errors import InvalidInput
@@ -24,7 +22,7 @@ from pipeline.kernels.hand.convex_shapes import MAX_FACES
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import frequent_overlaps, remedy
-from pipeline.physics.hand_urdf import inertia_notes
+from pipeline.physics.hand_urdf import _add_origin, inertia_notes, write_hand_urdf
 
 BAR = '<{0}><origin xyz="0 0 0.02"/><geometry><box size="0.01 0.01 0.04"/></geometry></{0}>'
 BODY = '<inertial><mass value="0.01"/></inertial>' + BAR.format("collision")
@@ -126,20 +124,11 @@ def test_joint_that_mimics_a_frozen_joint_is_frozen(tmp_path: Path) -> None:
     assert load_hand(claw(tmp_path, frozen={"brake": 0.25, "second": 0.3})).frozen == {"brake": 0.25, "second": 0.3, "third": -0.15}
 
 
-def test_physics_urdf_has_no_namespace_prefixes(tmp_path: Path) -> None:
-    """Drake's prefixes are undeclared, also inside links and joints."""
-    inside = BODY.replace("</geometry>", '</geometry><drake:proximity_properties><drake:mu value="1"/></drake:proximity_properties>')
-    text = CLAW.replace(BODY, inside).replace('effort="0"', 'effort="0" drake:acceleration="9"')
-    robot = ElementTree.parse(write_physics_urdf(load_hand(claw(tmp_path, text)), tmp_path))
-    assert {len(link) for link in robot.findall("link")} == {2}
-    assert set(robot.find("joint/limit").attrib) == {"lower", "upper", "effort"}  # type: ignore[union-attr]
-
-
 def test_physics_urdf_has_convex_meshes_masses_and_no_visuals(hand: Hand, tmp_path: Path) -> None:
     no_mass, no_inertia = inertia_notes(hand)
     assert no_mass.startswith("the URDF states no mass for tip: estimated at 1000 kg/m³")
-    assert "for palm, one, two, lever: estimated from mass and collision shapes" in no_inertia
-    robot = parse_urdf(write_physics_urdf(hand, tmp_path))
+    assert "for palm, one, lever, two: estimated from mass and collision shapes" in no_inertia
+    robot = parse_urdf(write_hand_urdf(hand, tmp_path))
     assert not robot.findall("*/visual")
     assert not robot.findall("*/mimic")
     assert {mesh.get("filename", "")[-4:] for mesh in robot.iter("mesh")} == {".obj"}
@@ -336,7 +325,7 @@ def test_origin_is_written_as_rpy_even_at_gimbal_lock(pitch: float) -> None:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = Rotation.from_euler("xyz", [0.4, pitch, -1.1]).as_matrix(), [1, 2, 3]
     link = Element("joint")
-    add_origin(link, pose)
+    _add_origin(link, pose, None)
     xyz, rpy = ([float(number) for number in link[0].attrib[name].split()] for name in ("xyz", "rpy"))
     np.testing.assert_allclose(Rotation.from_euler("xyz", rpy).as_matrix(), pose[:3, :3], atol=1e-7)
     assert xyz == [1, 2, 3]
@@ -345,7 +334,7 @@ def test_origin_is_written_as_rpy_even_at_gimbal_lock(pitch: float) -> None:
 def test_physics_urdf_states_what_engines_cannot_read_or_guess(tmp_path: Path) -> None:
     """Commas between numbers, an axis that is not of unit length, a mass without inertia."""
     text = CLAW.replace('<axis xyz="1 0 0"/>', '<axis xyz="2, 0, 0"/>').replace('xyz="0 0 0.04"', 'xyz="0, 0, 0.04"')
-    robot = parse_urdf(write_physics_urdf(load_hand(claw(tmp_path, text)), tmp_path))
+    robot = parse_urdf(write_hand_urdf(load_hand(claw(tmp_path, text)), tmp_path))
     assert "," not in "".join(element.get("xyz", "") for element in robot.iter())
     assert {tuple(map(float, axis.get("xyz", "").split())) for axis in robot.iter("axis")} == {(1.0, 0.0, 0.0)}
     for inertial in robot.iter("inertial"):
@@ -364,7 +353,7 @@ def stated_inertia(folder: Path, moments: tuple[float, ...], product: float = 0.
     xx, yy, zz = moments
     tensor = f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="{product}" ixz="0" iyz="0"/>'
     hand = load_hand(claw(folder, CLAW.replace(f'name="one">{BODY}', f'name="one">{BODY.replace("</inertial>", tensor + "</inertial>")}')))
-    written = parse_urdf(write_physics_urdf(hand, folder)).find("link[@name='one']/inertial/inertia")
+    written = parse_urdf(write_hand_urdf(hand, folder)).find("link[@name='one']/inertial/inertia")
     assert written is not None
     return [float(written.get(name, "nan")) for name in ("ixx", "iyy", "izz")], [note for note in inertia_notes(hand) if " one," in note]
 

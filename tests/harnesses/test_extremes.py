@@ -1,7 +1,5 @@
 """Kernels are accurate or raise an error; shapes within the ranges are accepted. `make test-extremes` feeds the large ones too."""
 
-from __future__ import annotations
-
 import warnings
 
 import pytest

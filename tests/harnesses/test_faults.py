@@ -1,7 +1,5 @@
 """`make faults` and `make fuzz` with a few cases of each; findings are reported."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

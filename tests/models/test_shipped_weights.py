@@ -11,6 +11,7 @@ import trimesh
 import yaml
 from typer.testing import CliRunner
 
+from benchmarks import ship_sensor_weights, ship_weights
 from pipeline.cli import app
 from pipeline.errors import StageError, StoreError
 from pipeline.formats.sensor_file import load_sensor
@@ -33,7 +34,6 @@ from pipeline.reconstruct.predict import PredictOptions
 from stages.train_touch.stage import TouchTrainingSettings
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset as spheres
-from tools import ship_sensor_weights, ship_weights
 
 NETWORK = "implicit-any"
 OBJECTS = spheres.objects(3, ("train", "test"))
@@ -63,7 +63,7 @@ def shipped(data, tmp_path, monkeypatch) -> Path:
     for old in ("implicit/old.json", "unet.json", "sensors/gelsight.card.yaml"):
         (weights / old).parent.mkdir(parents=True, exist_ok=True)
         (weights / old).write_text("old")
-    for module in ("pipeline.models.shipped_weights", "pipeline.reconstruct.predict", "stages.evaluate.shipped", "tools.ship_weights"):
+    for module in ("pipeline.models.shipped_weights", "pipeline.reconstruct.predict", "stages.evaluate.shipped", "benchmarks.ship_weights"):
         monkeypatch.setattr(f"{module}.SHIPPED", weights)
     ship_weights.ship(data)
     return weights

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import vt_pipeline as vt
+from benchmarks.robot_grasp import write_grasp
 from tests.stages import ball_dataset as spheres
-from tools.robot_grasp import write_grasp
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,7 @@ from pipeline.models.shipped_weights import SHIPPED, read_card
 from pipeline.reconstruct.network_error import error_note
 from pipeline.reconstruct.predict import PredictOptions
 from pipeline.store.directory import DataDirectory
-from stages.evaluate.settings import EvaluationSettings
-from stages.evaluate.stage import Evaluate
+from stages.evaluate.stage import Evaluate, EvaluationSettings
 from tests.stages import ball_dataset as spheres
 
 SPLITS = ("train", "test", "test")

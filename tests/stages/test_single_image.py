@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 from pathlib import Path
 
 import numpy as np
@@ -24,12 +23,12 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
 from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.store.directory import DataDirectory
+from pipeline.tables.evaluation_tables import evaluation_tables
+from pipeline.tables.single_image_tables import means_by_class
+from pipeline.tables.supplement_figures import TABLE_4
 from schemas.surfaces import SURFACES
 from stages.evaluate.evaluation_files import read_figures
 from stages.evaluate.single_image_protocol import figures_of
-from stages.evaluate.single_image_tables import means_by_class
-from stages.evaluate.supplement_figures import TABLE_4
-from stages.evaluate.tables import evaluation_tables
 from stages.registry import load_stage, resolve
 from stages.train_gcn.stage import SingleImageSettings
 from tests.stages.tiny_dataset import manifest, run_stage
@@ -138,7 +137,7 @@ def test_objects_without_renderings_fail_with_the_remedy(tmp_path):
     settings = resolve("read-renderings", "draft", [])
     (made,) = make(Request(load_stage("read-renderings"), settings, "tiny", procedural.objects(), "draft", 0, tmp_path), QUIET)
     assert len(made.failures) == 3
-    assert "take the manifest single-image" in next(iter(made.failures.values())).reason
+    assert "use the manifest single-image" in next(iter(made.failures.values())).reason
 
 
 def test_evaluation_shows_published_rows_and_names_its_objects(data):
@@ -152,8 +151,7 @@ def test_evaluation_shows_published_rows_and_names_its_objects(data):
     assert found.keys() == {"single-image", *(f"training object, {how}" for how in ("typical", "by silhouette", "by truth"))}
     values = {metric: found["single-image"].per_case(metric) for metric in ("scaled_chamfer", "f1", "f1_2tau")}
     assert {value.shape for value in values.values()} == {(1, 2)}
-    said = json.loads((evaluation / "metrics.json").read_text())
-    (row,) = (row for row in said["tables"][0]["rows"] if row[0] == "ours: single-image")
+    (row,) = (row.cells for row in evaluation_tables(evaluation)[0].rows if row.cells[0] == "ours: single-image")
     factors = {"scaled_chamfer": 1, "f1": 100, "f1_2tau": 100}
     np.testing.assert_allclose(row[1:], [factor * values[metric].mean() for metric, factor in factors.items()])
     assert values["scaled_chamfer"][0, 0] != values["scaled_chamfer"][0, 1]  # another view, another reconstruction

@@ -12,12 +12,10 @@ from numcodecs import blosc
 from zarr.storage import LocalStore
 
 from pipeline.errors import StoreError
-from pipeline.store.encode import decode_array, encode_array, without_checksum
+from pipeline.store.layout import LEVEL, OBJECTS_PER_FILE, decode_array, encode_array, group_spec, without_checksum
+from pipeline.store.publish import write_group
 from pipeline.store.record import Failure, RowRecord
-from pipeline.store.row_files import Result, RowFiles, encode_row
-from pipeline.store.rows import Row
-from pipeline.store.spec import LEVEL, OBJECTS_PER_FILE, group_spec
-from pipeline.store.write import write_group
+from pipeline.store.rows import Result, Row, RowFiles, encode_row
 from schemas.base import COMMON, Array, Artifact
 
 ARTIFACT = Artifact(

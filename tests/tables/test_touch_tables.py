@@ -8,8 +8,7 @@ import pytest
 from rich.console import Console
 
 from pipeline.console import show_tables
-from pipeline.tables.hold_tables import SIZES, hold_tables, size_bins
-from pipeline.tables.touch_tables import Tally, touch_tables
+from pipeline.tables.touch_tables import SIZES, Tally, hold_tables, size_bins, touch_tables
 
 
 def test_touch_table_names_the_fingers_of_another_hand():

@@ -1,7 +1,5 @@
 """The pictures of `docs/how-it-works`, one per stage, all of one object of a dataset that went through every stage."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Cuts through an object, upright and along its longer side."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

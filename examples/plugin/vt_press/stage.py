@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.config.settings import ObjectSettings, setting
-from pipeline.dataset.touch_sensors import touch_sensor
+from pipeline.dataset.object_rows import touch_sensor
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.store.rows import Row

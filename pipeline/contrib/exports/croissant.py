@@ -64,7 +64,7 @@ def croissant(facts: Facts, about: About, folder: Path) -> dict[str, Any]:
         },
         "rai:dataCollection": COLLECTION,
         "rai:dataCollectionType": ["Software Collection"],
-        "rai:dataCollectionMissingData": f"{facts.failed} objects of the manifest could not be processed and are left out.",
+        "rai:dataCollectionMissingData": f"{facts.failed} objects of the manifest could not be processed and have no rows.",
         "rai:dataPreprocessingProtocol": ["Meshes are cleaned, turned upright and scaled to one size, unless their real sizes were kept."],
         "rai:dataLimitations": list(LIMITS[:-1]),
         "rai:dataBiases": [LIMITS[-1]],

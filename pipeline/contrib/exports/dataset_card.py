@@ -157,7 +157,7 @@ def card(facts: Facts, about: About, *, picture: bool) -> str:
     if picture:
         alt_text = "Objects without and with the hand, a second view, touched places, tactile images, depth maps"
         parts.append(f"![{alt_text}]({PICTURE})")
-    failed = f"; {facts.failed} more failed and are left out" if facts.failed else ""
+    failed = f"; {facts.failed} more failed and have none" if facts.failed else ""
     splits = [[HUB_SPLITS[split], facts.objects[split], count] for split, count in facts.grasps.items()]
     parts += [
         f"{facts.total} grasps, a row each, of {sum(facts.objects.values())} objects{failed}.",

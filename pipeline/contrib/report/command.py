@@ -4,18 +4,17 @@ from typing import Annotated
 
 import typer
 
-from pipeline.cli.request import DataArgument
 from pipeline.console import console, print_line, show_tables
 from pipeline.store.directory import DataDirectory
-from pipeline.store.origins import check_origins
 from pipeline.store.storage import exists
+from pipeline.store.validate import check_origins
 from schemas.grasps import GRASPS
 
 SINGLE = "evaluation-single-image"
 
 
 def report(
-    data: DataArgument,
+    data: Annotated[str, typer.Argument(help="Data directory, or s3://BUCKET/PREFIX.")],
     most: Annotated[int, typer.Option(min=1, help="Objects in a figure of reconstructions at most: best, middling, worst.")] = 10,
     pages: Annotated[bool, typer.Option(help="Write the pages; else print the tables alone.")] = True,
     shipped: Annotated[bool, typer.Option("--shipped", help="Measure the pretrained network too.")] = False,
@@ -25,10 +24,10 @@ def report(
     The tables show whether the supplement's orderings hold; the pages have a gallery and figures.
     """
     from pipeline.contrib.report.html_report import write_report
+    from pipeline.tables.evaluation_tables import evaluation_tables
     from pipeline.tables.results import results_tables, training_facts, training_table
     from pipeline.tables.training_seeds import outdated_scores, scores
     from stages.evaluate.evaluation_files import evaluations
-    from stages.evaluate.tables import evaluation_tables
 
     directory = DataDirectory(data)
     if shipped:

@@ -15,7 +15,7 @@ from PIL import Image
 
 from pipeline.contrib.report.report_source import ReportSource, best
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.dataset.touch_charts import is_surface
+from pipeline.dataset.object_rows import is_surface
 from pipeline.drawing.colors import COLORS, depth_colors
 from pipeline.drawing.grasp_pictures import GraspPictures, touches_of
 from pipeline.drawing.picture_sheet import SheetRow, Tile, draw_sheet, spread_evenly
@@ -27,7 +27,7 @@ from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.kernels.touch.depth_maps import in_gel, local_points
 from pipeline.kernels.touch.sensor import masked_points
 from pipeline.models.touch_model import load_touch_model
-from stages.evaluate.settings import SHIPPED_ROWS
+from stages.evaluate.evaluation_files import SHIPPED_ROWS
 from stages.render_vision.renderer import Renderer
 
 PIXELS = 384

@@ -219,9 +219,9 @@ def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
     directory, models = source.directory, trained_models(source.directory, source.evaluated)
     tables = results_tables(directory, source.evaluated, source.scored)
     curves = []
-    for name, place in models.items():
+    for name, model in models.items():
         file = f"figures/learning-{name}.svg"
-        draw_curves(*training_losses(directory.verified_folder(place)), folder / file)
+        draw_curves(*training_losses(directory.verified_folder(model)), folder / file)
         curves.append({"file": file, "alt": f"Training and validation loss of {name} by epoch", "caption": name})
     return {"summary": _summary(source, folder), "groups": _tables_with_lines(tables), "curves": curves}
 

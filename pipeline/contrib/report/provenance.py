@@ -2,11 +2,12 @@
 
 import shlex
 from collections.abc import Iterator
+from operator import attrgetter
 from typing import Any
 
 import yaml
 
-from pipeline.console import Row, Table
+from pipeline.console import Columns, Row, Table, tabulate
 from pipeline.engine.stage import ObjectStage
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Provenance
@@ -28,10 +29,8 @@ def outside_sweeps(origins: dict[str, Provenance]) -> dict[str, Provenance]:
 
 def contents_table(origins: dict[str, Provenance]) -> Table:
     """List the stage, manifest, preset, seed and key of each artifact and folder."""
-    rows = [
-        Row([name, origin.stage, origin.manifest, origin.preset, str(origin.seed), origin.key[:16]]) for name, origin in origins.items()
-    ]
-    return Table("", ["name", "stage", "manifest", "preset", "seed", "key"], rows)
+    columns: Columns = {name: ("", attrgetter(name)) for name in ("stage", "manifest", "preset", "seed")}
+    return tabulate("", "name", origins, columns | {"key": ("", lambda origin: origin.key[:16])})
 
 
 def settings_tables(directory: DataDirectory, origins: dict[str, Provenance]) -> list[Table]:

@@ -10,18 +10,20 @@ import trimesh
 
 from pipeline.console import Row, Table, pluralise
 from pipeline.dataset.completed_objects import CompletedObjects
-from pipeline.dataset.touch_charts import is_surface
+from pipeline.dataset.object_rows import is_surface
 from pipeline.dataset.touch_statistics import Tally, tally
 from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS
 from pipeline.drawing.views import painted_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.collection import Collection
-from pipeline.store.origins import check_origins
 from pipeline.store.storage import Location
+from pipeline.store.validate import check_origins
+from pipeline.tables.comparison import difference
+from pipeline.tables.evaluation_tables import ACCURACY
 from pipeline.tables.training_seeds import scores
-from stages.evaluate.comparison import difference
 from stages.evaluate.evaluation_files import (
+    SHIPPED_SCORES,
     Arrays,
     Figures,
     evaluations,
@@ -32,8 +34,6 @@ from stages.evaluate.evaluation_files import (
     read_table,
     surface_of,
 )
-from stages.evaluate.settings import SHIPPED_SCORES
-from stages.evaluate.tables import ACCURACY
 
 SHOWN_METRICS = {**dict(ACCURACY.values()), "chamfer": TABLE_3_FACTOR}
 """The metrics of single objects, and the factors to their units."""
@@ -174,9 +174,9 @@ def best(predictions: Iterable[Prediction]) -> Prediction:
 
 def errors_table(predictions: Sequence[Prediction]) -> Table:
     """Make the table of the accuracy of an object's reconstructions."""
-    rows = []
-    for prediction in predictions:
-        cells = [factor * prediction.figures[metric] for metric, factor in SHOWN_METRICS.items()]
-        rows.append(Row([prediction.network, prediction.grasps if prediction.felt else 0, *cells]))
+    rows = [
+        Row([shown.network, shown.grasps * shown.felt, *(factor * shown.figures[metric] for metric, factor in SHOWN_METRICS.items())])
+        for shown in predictions
+    ]
     columns = ["network", "grasps given", *ACCURACY, f"Chamfer distance × {TABLE_3_FACTOR:.0f}, m²"]
     return Table("", columns, rows, ["", "", ".2f", ".1f", ".1f", ".3f"])

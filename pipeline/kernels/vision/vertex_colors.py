@@ -15,7 +15,7 @@ OFFSET = 1e-3  # of a ray's start from the surface over the surface's diagonal
 
 def seen_colors(
     vertices: Array,  # (V, 3) world, m
-    faces: NDArray[np.int64],  # (F, 3) normals outwards
+    faces: NDArray[np.integer],  # (F, 3) normals outwards
     image: NDArray[np.uint8],  # (rows, cols, 3)
     matrix: Array,  # (3, 4) the image's projection matrix, from `projection_matrix`
     shown: Mask,  # (rows, cols) where the image shows the object, and no background or hand

@@ -189,7 +189,7 @@ def test_charts_are_shown_beside_the_unet_s_points_only_if_they_are_fitted_to_th
 def test_grasps_beside_an_evaluation_of_single_images_have_pages(data, tmp_path, monkeypatch):
     (tmp_path / "evaluation").mkdir()
     publish(data, "evaluation-single-image", tmp_path / "evaluation", "evaluate-single-image")
-    monkeypatch.setattr("stages.evaluate.tables.evaluation_tables", lambda folder: [])
+    monkeypatch.setattr("pipeline.tables.evaluation_tables.evaluation_tables", lambda folder: [])
     monkeypatch.setattr("pipeline.tables.results.training_facts", lambda *_: {})
     monkeypatch.setattr("pipeline.tables.results.training_table", lambda trained: Table("Table 4", [], []))
     assert re.search("Table 4.*report: .*no network has been evaluated on the grasps: the report shows", vt("report", data))

@@ -26,15 +26,14 @@ from pipeline.engine.plan import Request
 from pipeline.models.shipped_weights import DEFAULT
 from pipeline.reconstruct.score import _learned_from, _settings
 from pipeline.store.directory import DataDirectory
+from pipeline.tables.evaluation_tables import evaluation_tables
 from pipeline.tables.results_summary import DEFAULT_SERIES, _ways, summarise
 from pipeline.tables.training_seeds import outdated_scores
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import read_figures, read_root
-from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.shipped import fitting_rows
-from stages.evaluate.stage import Evaluate
-from stages.evaluate.tables import evaluation_tables
+from stages.evaluate.stage import Evaluate, EvaluationSettings
 from tests.engine.tiny_stages import pack
 from tests.stages import ball_dataset as spheres
 
@@ -85,7 +84,7 @@ def test_report_shows_rows_and_meshes_of_the_shipped_network_and_measures_it_onc
     ship(monkeypatch, data)
     with monkeypatch.context() as another:
         another.setattr("pipeline.tables.training_seeds.shipped_digest", lambda: "another")
-        assert "another network ships now" in outdated_scores(DataDirectory(data))["scores/shipped"]
+        assert "the pretrained network is another now" in outdated_scores(DataDirectory(data))["scores/shipped"]
     assert not outdated_scores(DataDirectory(data))
     before = DataDirectory(data).verified_folder("scores/shipped")
     printed = vt("report", data, "--shipped", "--no-pages")

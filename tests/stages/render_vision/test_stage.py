@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
+from pipeline.dataset.completed_objects import dataset_scene
 from pipeline.dataset.grasps import grasping_hand
 from pipeline.dataset.mesh_rows import mesh_row
-from pipeline.dataset.vision_scene import dataset_scene
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput, StoreError

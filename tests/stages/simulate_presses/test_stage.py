@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from pipeline.dataset.object_rows import ObjectRows
-from pipeline.dataset.touch_sensors import touch_sensor
+from pipeline.dataset.object_rows import ObjectRows, touch_sensor
 from pipeline.errors import InvalidInput, StageError
 from pipeline.formats.description_file import description_path
 from pipeline.kernels.touch.depth_maps import impression

@@ -1,6 +1,4 @@
-"""Copy a trained network and its U-Net to the shipped weights, and write its card: `python -m tools.ship_weights DATA`."""
-
-from __future__ import annotations
+"""Copy a trained network and its U-Net to the shipped weights, and write its card: `python -m benchmarks.ship_weights DATA`."""
 
 import shlex
 import shutil
@@ -19,11 +17,10 @@ from pipeline.models.families import model_name
 from pipeline.models.shipped_weights import DEFAULT, SENSORS, SHIPPED, Error, ModelCard, TrainedOn, card_path
 from pipeline.reconstruct.score import score_shipped
 from pipeline.store.directory import DataDirectory
-from pipeline.store.origins import check_origins
 from pipeline.store.storage import as_location
-from pipeline.training.pretrained import learned_from
-from stages.evaluate.evaluation_files import read_figures, read_table
-from stages.evaluate.settings import SHIPPED_ROWS, SHIPPED_SCORES
+from pipeline.store.validate import check_origins
+from pipeline.training.training_stage import learned_from
+from stages.evaluate.evaluation_files import SHIPPED_ROWS, SHIPPED_SCORES, read_figures, read_table
 
 NOT_FOR = (
     "other kinds of objects than it was trained on, objects much larger or smaller than those, other sensors, and any use in which "

@@ -1,11 +1,9 @@
 """Write a simulated grasp as a robot would have recorded it: `examples/robot_grasp/`.
 
-    python -m tools.robot_grasp DATA OBJECT GRASP FOLDER
+    python -m benchmarks.robot_grasp DATA OBJECT GRASP FOLDER
 
 The frame is that of a robot's base beside the object: turned and moved against the simulation's world. The camera's axes are OpenCV's.
 """
-
-from __future__ import annotations
 
 import argparse
 from pathlib import Path

@@ -6,8 +6,7 @@ from typing import Any
 
 from pipeline.console import Table, abbreviate
 from stages.evaluate.baselines import BASELINE_PREFIX
-from stages.evaluate.evaluation_files import Figures, read_figures, read_root, read_table
-from stages.evaluate.settings import SHIPPED_ROWS
+from stages.evaluate.evaluation_files import SHIPPED_ROWS, Figures, read_figures, read_root, read_table
 
 COMPARED = ("points", "tau", "scale", "rings")
 """Settings that figures in one table share."""

@@ -1,7 +1,5 @@
 """The four stages of a dataset give the same bytes on every processor that this one can imitate."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -50,7 +48,6 @@ def reference_digests(tmp_path_factory) -> dict[str, str]:
     return digests(tmp_path_factory.mktemp("here"))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("profile", ["haswell", "prescott"])
 def test_digests_do_not_depend_on_the_processor(profile, reference_digests, tmp_path) -> None:
     variables = environment(profile)

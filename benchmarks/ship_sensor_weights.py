@@ -1,9 +1,7 @@
 """Train the networks that read photographs of the shipped calibrated sensors, from their files alone, and write them with cards.
 
-`python -m tools.ship_sensor_weights [--real FOLDER]`; with the photographs of docs/sensors.md, cards have the errors on those too.
+`python -m benchmarks.ship_sensor_weights [--real FOLDER]`; with the photographs of docs/sensors.md, cards have the errors on those too.
 """
-
-from __future__ import annotations
 
 import argparse
 from pathlib import Path
@@ -16,6 +14,7 @@ from benchmarks.ball_photographs import gelsight_balls, mini_balls
 from benchmarks.provenance import commit
 from benchmarks.real_touch.photograph_sets import Press, ball_press
 from benchmarks.real_touch.scores import Reading, mean_scores, score
+from benchmarks.ship_weights import check_size
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.press_shapes import press_relief
 from pipeline.kernels.touch.pressed_gel import press_gel
@@ -26,7 +25,6 @@ from pipeline.models.touch_model import LocalTouchModel
 from pipeline.real_touch.train_sensor import PRESSES, save_sensor_network, train_sensor_network
 from pipeline.rng import numpy_rng
 from stages.train_touch.stage import TouchTrainingSettings
-from tools.ship_weights import check_size
 
 FITTED_TO = {
     "gelsight": "the even ones of 48 photographs in the package taxim 1.4.1 (MIT licence, copyright 2021 CMURoboTouch)",

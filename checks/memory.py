@@ -1,11 +1,7 @@
 """Memory of workers stays flat over many objects."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
-
-import pytest
 
 from pipeline.config.manifest import load_manifest
 from pipeline.console import errors
@@ -37,7 +33,6 @@ def usage_of_children() -> dict[str, float]:
     return {"megabytes": megabytes, "files": files}
 
 
-@pytest.mark.slow
 def test_memory_and_open_files_stay_flat_over_300_objects_in_every_object_stage(tmp_path):
     objects = load_manifest("pybullet-objects").objects()[:300]
     for name in GRASP_STAGES:

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from pipeline.config.manifest import TOTAL
 from pipeline.console import Row, Table, pluralise
+from pipeline.tables.supplement_figures import TABLE_4
 from stages.evaluate.baselines import label
 from stages.evaluate.evaluation_files import Figures, read_figures, read_root, read_table
-from stages.evaluate.supplement_figures import TABLE_4
 
 MEAN = TOTAL
 """Name of the mean over classes: no class has it."""
