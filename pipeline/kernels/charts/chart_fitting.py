@@ -114,11 +114,9 @@ class _Fit:
         return StopRule.cap if at_cap else None
 
     def _measure(self) -> None:
-        """Compute the RMS distance from the cloud to the chart's surface."""
         self.residual = rms_distance_to_surface(self.cloud, self.chart.vertices, self.chart.faces)
 
     def _step(self, count: int) -> None:
-        """Take this many steps, or fewer if no area is left."""
         uniform = self._draw(count, self.options.step_samples)
         losses = take_steps(self.chart, uniform, self.parts, self.targets, self.near_loss, self.steps, self.options.learning_rate)
         self.steps += len(losses)
@@ -130,7 +128,6 @@ class _Fit:
         if min(losses, default=np.inf) < self.near_loss:
             self.near_loss = np.inf  # it is near from now on
 
-    def _draw(self, steps: int, samples: int) -> Array:
-        """Draw (steps, samples, 3) numbers in [0, 1]."""
+    def _draw(self, steps: int, samples: int) -> Array:  # (steps, samples, 3) in [0, 1]
         drawn: Array = torch.rand(steps, samples, 3, generator=self.generator, dtype=torch.float64).numpy()
         return drawn

@@ -107,14 +107,12 @@ def _tetrakis_hexahedron() -> tuple[_SpherePoints, list[Triangle]]:
 
 
 def _split(triangle: Triangle, sphere: _SpherePoints) -> list[Triangle]:
-    """Divide a triangle into four at the middles of its sides."""
     a, b, c = triangle
     ab, bc, ca = sphere.middle(a, b), sphere.middle(b, c), sphere.middle(c, a)
     return [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
 
 
 def _chart_positions(triangle: Triangle, sphere: _SpherePoints) -> list[int]:
-    """List the 19 position numbers of a chart."""
     a, b, c = triangle
     boundary = [a, *sphere.quarters(a, b), b, *sphere.quarters(b, c), c, *sphere.quarters(c, a)]
     centre = _on_sphere(sphere.points[a] + sphere.points[b] + sphere.points[c])

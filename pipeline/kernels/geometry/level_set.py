@@ -105,14 +105,12 @@ def _double_resolution(values: Array) -> Array:
 
 
 def _crossed_cells(values: Array) -> Mask:
-    """Mark the cells that the surface goes through."""
     inside = values < 0
     corners = np.stack([inside[at] for at in AT_CORNERS])
     return np.asarray(corners.any(axis=0) & ~corners.all(axis=0))
 
 
 def _mark_corners(cells: Mask) -> Mask:
-    """Mark the corners of cells."""
     marked = np.zeros(np.add(cells.shape, 1), bool)
     for at in AT_CORNERS:
         marked[at] |= cells
@@ -120,7 +118,6 @@ def _mark_corners(cells: Mask) -> Mask:
 
 
 def _marching_cubes(values: Array, low: Array, step: float) -> tuple[Array, NDArray[np.int64]]:
-    """Run marching cubes on the cells that the surface goes through."""
     cells = np.argwhere(_crossed_cells(values))  # (N, 3)
     if not len(cells):
         return np.zeros((0, 3)), np.zeros((0, 3), np.int64)

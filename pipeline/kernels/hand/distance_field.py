@@ -149,7 +149,6 @@ def _grid_layout(extent: Array, cell: float, band: float) -> tuple[float, float,
 
 
 def _per_cell(values: NDArray[Any]) -> NDArray[Any]:
-    """Repeat the values (X, Y, Z) of blocks for each of their cells."""
     for axis in range(3):
         values = np.repeat(values, BLOCK, axis=axis)
     return values

@@ -74,8 +74,7 @@ def best_supporting_grasp(
 
 
 @compiled
-def _columns(points: Array, normals: Array, touching: Mask, friction: float) -> Array:
-    """Compute the wrenches (M, 6) of all existing contacts."""
+def _columns(points: Array, normals: Array, touching: Mask, friction: float) -> Array:  # (M, 6) wrenches of contacts that exist
     columns = np.empty((len(points) * (len(HEXAGON) + 2), 6))
     count = 0
     for c in range(len(points)):

@@ -27,8 +27,7 @@ SLIVER = 1e-3
 
 
 @compiled
-def _edge_at_row(low: Point, high: Point, row: float) -> tuple[float, float]:
-    """Compute the column and depth at which an edge crosses a row."""
+def _edge_at_row(low: Point, high: Point, row: float) -> tuple[float, float]:  # column and depth
     if row == high[1]:
         return high[0], high[2]
     share = (row - low[1]) / (high[1] - low[1])
@@ -110,8 +109,7 @@ def cull_faces(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor) -> Array:  #
     return local[:, :, _all_axes((low <= prism_centre + prism_half) & (high >= prism_centre - prism_half))]
 
 
-def _all_axes(holds: Mask) -> Mask:
-    """Combine conditions of three axes, (3, N), to (N,): true where all hold."""
+def _all_axes(holds: Mask) -> Mask:  # (3, N) to (N,)
     return np.asarray(holds[0] & holds[1] & holds[2])
 
 

@@ -154,7 +154,6 @@ def sensor_differences(one: Sensor, other: Sensor, *, but_for: Mapping[str, Any]
 
 
 def _filled_in(sensor: Sensor) -> Sensor:
-    """Give a sensor the height and the thickness that it has by default."""
     gel = sensor.gel and sensor.gel.model_copy(update={"thickness": sensor.layer_thickness})
     return sensor.model_copy(update={"given_height": sensor.height, "gel": gel})
 
