@@ -15,8 +15,7 @@ from pipeline.kernels.touch.optics import POSITION_TERMS, SLOPE_TERMS, Box, Cali
 from pipeline.kernels.touch.pressed_gel import gel_under
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 
-FLAT = 1e-7
-"""m: pixels at the ends of a row whose indentation is smaller, as it is above and below them, are not shaded."""
+FLAT = 1e-7  # m of indentation below which pixels at the ends of a row, also above and below, are not shaded
 
 
 def shade_depth(

@@ -11,10 +11,8 @@ Levels = tuple[Level, Level, Level]
 Box = tuple[float, float, float, float]  # least x and y, greatest x and y, m
 Place = Annotated[float, Field(ge=-10, le=10)]
 
-POSITION_TERMS = {(degree + 1) * (degree + 2) // 2: degree for degree in range(7)}
-"""Degree of a polynomial in x and y, by its number of terms."""
-SLOPE_TERMS = {count - 1: degree for count, degree in POSITION_TERMS.items() if degree}
-"""Degree of a polynomial in the two components of a normal, without its constant term, by the number of its terms."""
+POSITION_TERMS = {(degree + 1) * (degree + 2) // 2: degree for degree in range(7)}  # degree in x and y by number of terms
+SLOPE_TERMS = {count - 1: degree for count, degree in POSITION_TERMS.items() if degree}  # in a normal, without a constant
 
 
 class Entry(BaseModel):

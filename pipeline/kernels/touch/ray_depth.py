@@ -21,9 +21,7 @@ Point = tuple[float, float, float]  # x in columns, y in rows (pixel centres: in
 SLACK = 1e-9  # m, by which boxes are enlarged: far above rounding errors within the valid range
 TOLERANCE = 1e-7  # m before the surface at which a ray may stop: a tenth of the stated accuracy, for a fifth more time
 MAX_STEPS = 100  # rays still under way (0.4 % on twenty real meshes, 7 % of the worst sensor) run along walls
-SLIVER = 1e-3
-"""Flatter faces are intersected exactly. libigl's distance to a face has an error of some 1e-16 / flatness² of its length: more than
-`TOLERANCE` from 1e-5 on, all of it at 1e-8, and a ray that trusts it steps through the face."""
+SLIVER = 1e-3  # flatness below which sphere tracing intersects exactly: libigl's distance errs by 1e-16 / flatness² of a face
 
 
 @compiled
