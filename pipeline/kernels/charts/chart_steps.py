@@ -93,15 +93,12 @@ def take_steps(
     chart: ChartState,  # is changed
     uniform: Array,  # (k, n, 3) in [0, 1], of each step
     parts: Array,  # (P, m, 3) parts of the cloud, which steps take in turn
-    targets: "tuple[PlanarGrid, PlanarGrid]",  # the first part, and the whole cloud
+    targets: "tuple[PlanarGrid, PlanarGrid]",  # searched by samples until a loss is below `near_loss`, and then: part, whole
     near_loss: float,  # +inf for a chart that is near already
     steps: int,  # taken before
     rate: float,  # Adam's
 ) -> Array:  # (k,) losses of the steps, or of fewer
-    """Take steps, each with other samples and points; stop before a step if no area is left.
-
-    Samples find their nearest in the first part until a loss is below `near_loss`, then in the whole cloud.
-    """
+    """Take steps, each with other samples and points; stop before a step if no area is left."""
     losses, is_near = np.empty(len(uniform)), near_loss == np.inf
     for i in range(len(uniform)):
         if not chart_area(chart) > 0:
@@ -182,11 +179,8 @@ def planar_grid(points: Array) -> PlanarGrid:
 
 
 @compiled
-def nearest_in(grid: PlanarGrid, queries: Array) -> NDArray[np.int64]:
-    """Find the nearest point to each of `queries` (m, 3): (m,) places in `grid.points`; of points equally near, within rounding, any.
-
-    The nearest in the nine cells around the query bounds how far away the nearest of all may be; then all cells up to there are searched.
-    """
+def nearest_in(grid: PlanarGrid, queries: Array) -> NDArray[np.int64]:  # (m,) places in `grid.points`
+    """Find the nearest point to each of `queries` (m, 3); the nearest of the nine cells around it bounds which cells are searched."""
     points, starts, columns, rows, side = grid.points, grid.starts, grid.columns, grid.rows, grid.side
     places = np.empty(len(queries), np.int64)
     for query in range(len(queries)):

@@ -126,15 +126,12 @@ SPLITS = {
 def closed_surface(
     vertices: Array,  # (V, 3) m
     faces: Integers,  # (F, 3); the surface may be crumpled, open, or cross itself
-    charts: Floats,  # (K, S, 3) touch charts in the same frame, m; K may be 0
+    charts: Floats,  # (K, S, 3) touch charts in the same frame, m; K may be 0; bulges reach those far from the surface
     chart_faces: Integers,  # (G, 3) of each chart, wound so that normals point into the object, as the sensor's do
     *,
     resolution: int = RESOLUTION,  # edges of the mesh along the longest side of the surface's box, `COARSEST` or more
 ) -> tuple[Array, Integers]:
-    """Make one closed, smooth mesh of one part, normals outwards, that passes within 0.5 mm of each vertex of the touch charts.
-
-    A bulge reaches those that were far from the surface.
-    """
+    """Make one closed, smooth mesh of one part, normals outwards, that passes within 0.5 mm of each vertex of the touch charts."""
     if resolution < COARSEST:
         raise InvalidInput(f"resolution {resolution}: thin parts vanish in so coarse a mesh; give {COARSEST} edges or more")
     used_vertices = vertices[np.unique(faces)]

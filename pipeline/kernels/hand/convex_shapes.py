@@ -154,11 +154,8 @@ def _outside(points: Array, hull: ConvexHull) -> Array:
     return distance
 
 
-def buried_gels(hand: Hand, sensors: Sequence[Sensor]) -> Iterator[tuple[bool, str]]:
-    """Describe the sensors of a hand whose plane lies below their link's surface.
-
-    Yield whether all of the gel does, in its middle, and a sentence with the remedy.
-    """
+def buried_gels(hand: Hand, sensors: Sequence[Sensor]) -> Iterator[tuple[bool, str]]:  # whether all of the gel lies below
+    """Describe the sensors of a hand whose plane lies below their link's surface, each with the remedy."""
     for mount, sensor in zip(hand.sensors, sensors, strict=True):
         link, (origin, normal), top = hand.links[mount.link], (mount.pose[:3, 3], mount.pose[:3, 2]), gel_top(sensor)
         depth = depth_in_link(link, origin, normal, ahead=top)

@@ -19,16 +19,13 @@ FLAT = 1e-7  # m of indentation below which pixels at the ends of a row, also ab
 
 
 def shade_depth(
-    bump: Array,  # (rows, cols) height towards the camera, m; negative where an elastic gel rises
+    bump: Array,  # (rows, cols) height towards the camera, m; negative where an elastic gel rises; 0 beyond the image
     pitch: tuple[float, float],  # size of a pixel along y and x, m
     *,
     direction: float,  # towards the lamp, rad from +x to +y
     slope: float,  # height over length of the lamp's rays, > 0
 ) -> Array:  # (rows, cols) m, >= 0: below the edge of the shade, along the height
-    """Compute how deep each point of the gel lies in the shade of a distant lamp; beyond the image the gel is at rest, at height 0.
-
-    The edge of the shade is carried from line to line towards the far side, with linear interpolation within a line.
-    """
+    """Compute how deep each point lies in the shade of a distant lamp, whose edge is carried from line to line, interpolated."""
     step_y, step_x = math.sin(direction) / pitch[0], math.cos(direction) / pitch[1]  # pixels per m towards the lamp
     swapped = abs(step_x) > abs(step_y)
     image = np.ascontiguousarray(bump.T if swapped else bump)

@@ -1,7 +1,7 @@
 """Say what is wrong with photographs of a gel as a whole, before they are read: exchanged colours, turned, mirrored, exposure.
 
-Limits are above what public sets and other units of a sensor show: brightness differs by 0.022 within a set and 0.065 between units, colours
-relative to each other by 0.055, chroma by 0.07, and a gel that is tilted by 40° as a whole by 17 levels.
+Limits are above what public sets and other units of a sensor show: brightness differs by 0.022 within a set and by 0.065 between units,
+colours relative to each other by 0.055, chroma by 0.07, and a gel that is tilted by 40° as a whole by 17 levels.
 """
 
 import cmath

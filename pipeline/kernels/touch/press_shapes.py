@@ -41,12 +41,9 @@ class Press(NamedTuple):
 def press_relief(
     relief: Array,  # (rows, cols) heights towards the gel, m; -inf where there is no surface
     sensor: Sensor,
-    depth: float,  # of the deepest point in the gel, m
+    depth: float,  # of the deepest point in the gel, m, less than the gel's thickness there
 ) -> Array:  # (rows, cols) D from the sensor plane, m; +inf where nothing is met within the sensor's range
-    """Press a relief into a gel; a constant added to the relief changes nothing.
-
-    No surface, or a depth that is not between 0 and the gel's thickness at the deepest point, is `InvalidInput`.
-    """
+    """Press a relief into a gel; a constant added to the relief changes nothing."""
     if relief.shape != sensor.shape:
         raise ValueError(f"relief has shape {relief.shape}; sensor {sensor.name!r} has {sensor.shape} (rows, cols)")
     if not (relief < np.inf).all():

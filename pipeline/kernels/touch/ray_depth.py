@@ -89,10 +89,7 @@ def box_faces(triangles: np.ndarray) -> BoxedFaces:
 
 
 def cull_faces(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor) -> Array:  # (3 axes, 3 corners, N) sensor frame, m
-    """Select the faces that rays of a sensor at a pose (4, 4) can meet within its range, and few others.
-
-    The same corner has the same bits in every face, so shared edges stay shared.
-    """
+    """Select the faces that rays of a sensor at a pose (4, 4) can meet, and few others; shared corners stay equal to the bit."""
     pose = check_pose(pose)
     rotation, origin = pose[:3, :3], pose[:3, 3]
     prism_half = np.array([sensor.width, sensor.height, sensor.range])[:, None] / 2 + SLACK

@@ -15,15 +15,12 @@ OFFSET = 1e-3  # of a ray's start from the surface over the surface's diagonal
 
 def seen_colors(
     vertices: Array,  # (V, 3) world, m
-    faces: NDArray[np.integer],  # (F, 3) normals outwards
+    faces: NDArray[np.int64],  # (F, 3) normals outwards
     image: NDArray[np.uint8],  # (rows, cols, 3)
     matrix: Array,  # (3, 4) the image's projection matrix, from `projection_matrix`
     shown: Mask,  # (rows, cols) where the image shows the object, and no background or hand
-) -> tuple[NDArray[np.uint8], Mask]:  # (V, 3), (V,)
-    """Look up the colour of each vertex of a closed mesh in an image, 0 where it is not seen, and whether it is seen.
-
-    A vertex is seen if it faces the camera, nothing of the mesh is between them, and its pixel shows the object.
-    """
+) -> tuple[NDArray[np.uint8], Mask]:  # (V, 3) 0 where not seen, (V,)
+    """Look up the colours of vertices in an image, and which are seen: those that face the camera, unoccluded, in a shown pixel."""
     rows, cols = shown.shape
     to_camera = optical_centre(matrix) - vertices
     to_camera /= np.linalg.norm(to_camera, axis=1, keepdims=True)
