@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.arrays import Array, Mask
+from pipeline.kernels.arrays import Array, Integers, Mask
 from pipeline.kernels.geometry.closed_surface import vertex_normals
 from pipeline.kernels.geometry.exterior_sampling import RayScene
 from pipeline.kernels.vision.camera import project_points
@@ -15,7 +15,7 @@ OFFSET = 1e-3  # of a ray's start from the surface over the surface's diagonal
 
 def seen_colors(
     vertices: Array,  # (V, 3) world, m
-    faces: NDArray[np.int64],  # (F, 3) normals outwards
+    faces: Integers,  # (F, 3) normals outwards
     image: NDArray[np.uint8],  # (rows, cols, 3)
     matrix: Array,  # (3, 4) the image's projection matrix, from `projection_matrix`
     shown: Mask,  # (rows, cols) where the image shows the object, and no background or hand
