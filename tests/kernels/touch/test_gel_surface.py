@@ -5,9 +5,8 @@ import pytest
 from pydantic import ValidationError
 
 from pipeline.kernels.touch.depth_maps import gel_surface, gel_top, impression, in_gel, local_points, quantise_depth, touch_success
-from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth, sphere_traced_depth
 from pipeline.kernels.touch.sensor import Sensor, Surface, pixel_centres
-from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
 from pipeline.kernels.touch.tactile_image import tactile_image
 from tests.kernels.touch.shapes import SENSOR, ball, pybullet_triangles, random_pose, ray_origins
 from tests.references.brute_force_depth import brute_force
