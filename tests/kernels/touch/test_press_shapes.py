@@ -13,6 +13,7 @@ from pipeline.kernels.touch.press_shapes import SHAPES, PressRanges, press_relie
 from pipeline.kernels.touch.ray_depth import box_faces
 from pipeline.kernels.touch.sensor import pixel_centres, resample
 from pipeline.kernels.touch.tactile_image import untouched_image
+from schemas.presses import PRESSED
 from tests.kernels.touch.shapes import ball, sheet
 
 GELSIGHT = load_sensor("gelsight", shape=(60, 80)).model_copy(update={"membrane": 0.0009, "gel": None})
@@ -31,6 +32,10 @@ def test_shape_is_pressed_to_the_drawn_depth(name, sensor):
         assert press.depth.min() > 0
         assert press.depth[np.isfinite(press.depth)].max() <= sensor.range
         assert RANGES.depth[0] <= impression(press.depth, sensor).max() <= RANGES.depth[1] + 1e-12
+
+
+def test_every_code_of_the_schema_names_a_shape():
+    assert ("patch", *SHAPES) == PRESSED
 
 
 def test_relief_is_pressed_to_its_depth_whatever_its_offset():
