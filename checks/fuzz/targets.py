@@ -20,7 +20,7 @@ from checks.fuzz.target import Files, Target
 from pipeline.cluster.slurm_jobs import Submission, load_cluster, plan_jobs, script_of
 from pipeline.config import folder_sources
 from pipeline.config.manifest import load_manifest
-from pipeline.config.objects import fingerprint
+from pipeline.config.sources import fingerprint
 from pipeline.formats.file_units import stated_units
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.mesh_file import load_mesh

@@ -13,7 +13,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import invalid_entries
-from pipeline.kernels.geometry.normalise import bounding_diagonal
+from pipeline.kernels.geometry.mesh_cleaning import bounding_diagonal
 from pipeline.kernels.touch.depth_maps import local_points
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.collection import Collection
