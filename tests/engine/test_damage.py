@@ -234,7 +234,7 @@ def test_missing_shard_record_and_folders_in_place_of_files_are_reported(tmp_pat
 
 def test_array_of_only_some_objects_is_refused_before_publishing(tmp_path, monkeypatch):
     stage = MakeNoise()
-    arrays = stage.output.arrays | {"weight": Array(("object",), "float32", "kg", "Of some.", optional=True)}
+    arrays = stage.output.arrays | {"weight": Array("object", "float32", "kg", "Of some.", optional=True)}
     stage.output = stage.output.model_copy(update={"arrays": arrays})
     monkeypatch.setitem(ARTIFACTS, "noise", stage.output)
 

@@ -23,19 +23,19 @@ ARTIFACT = Artifact(
     version=1,
     summary="Every kind of array.",
     arrays={
-        "image": Array(("object", "row", "col", "rgb"), "uint8", "1", "An object a chunk."),
-        "views": Array(("object", "grasp", "row", "col", "rgb"), "uint8", "1", "A grasp a chunk."),
-        "depth": Array(("object", "grasp", "row", "col"), "float32", "m", "A grasp a chunk."),
-        "points": Array(("object", "point", "xyz"), "float64", "m", "An object a chunk."),
-        "pose": Array(("object", "pose_row", "pose_column"), "float64", "m", "Several objects a chunk."),
-        "icon": Array(("object", "pose_row", "pose_column", "rgb"), "uint8", "1", "Several objects a chunk."),
-        "flag": Array(("object",), "bool", "1", "A number per object."),
-        "label": Array(("object",), "string", "1", "A word."),
-        "scale": Array(("xyz",), "float32", "m", "A constant."),
+        "image": Array("object row col rgb", "uint8", "1", "An object a chunk."),
+        "views": Array("object grasp row col rgb", "uint8", "1", "A grasp a chunk."),
+        "depth": Array("object grasp row col", "float32", "m", "A grasp a chunk."),
+        "points": Array("object point xyz", "float64", "m", "An object a chunk."),
+        "pose": Array("object pose_row pose_column", "float64", "m", "Several objects a chunk."),
+        "icon": Array("object pose_row pose_column rgb", "uint8", "1", "Several objects a chunk."),
+        "flag": Array("object", "bool", "1", "A number per object."),
+        "label": Array("object", "string", "1", "A word."),
+        "scale": Array("xyz", "float32", "m", "A constant."),
     },
     ragged={
-        "meshes/faces": Array(("face", "corner"), "int32", "1", "Ragged."),
-        "meshes/texture": Array(("row", "col", "rgb"), "uint8", "1", "…"),
+        "meshes/faces": Array("face corner", "int32", "1", "Ragged."),
+        "meshes/texture": Array("row col rgb", "uint8", "1", "…"),
     },
 )
 CONSTANTS: Row = {"scale": np.array([1, 2, 3], np.float32)}
@@ -168,7 +168,7 @@ RANGES = Artifact(
     name="ranges",
     version=1,
     summary="Distances.",
-    arrays={"depth": Array(("object", "pixel"), "float32", "m", "Distance.", infinite=True)},
+    arrays={"depth": Array("object pixel", "float32", "m", "Distance.", infinite=True)},
 )
 
 
