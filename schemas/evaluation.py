@@ -84,14 +84,6 @@ GROUPS = {
         area=_number(("object",), "m2", "Area of its surface as its points show it; sides nearer than neighbouring points count once."),
         floor=_number(("object",), "m2", "Sampling floor of its Chamfer distance, 2 A / (pi n)."),
     ),
-    "table_1": _group(
-        "Table 1: the dataset, all splits; of `evaluate`.",
-        category=_name("category", "The class; `all` is every object."),
-        objects=_count(("category",), "Objects that did not fail."),
-        grasps=_count(("category",), "Grasps of them."),
-        touches=_count(("category",), "Sensors of these grasps."),
-        successful=_number(("category",), "1", "Share of the touches that succeed."),
-    ),
     "charts": _group(
         "Touch charts of the objects evaluated: how far the fitted charts are from their clouds, by the rule that stopped the fit.",
         stop_rule=_name("stop_rule", "Why the fit stopped; `all` is every chart that was fitted."),
