@@ -1,7 +1,5 @@
 """The shipped network on any dataset: measured beside networks trained there, shown in pages, left out without its inputs."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
