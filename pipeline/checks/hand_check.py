@@ -20,9 +20,8 @@ from pipeline.formats.urdf import ignored_limits, read_urdf
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import face_cross_products
 from pipeline.kernels.geometry.transforms import transform_points
-from pipeline.kernels.hand.buried_gels import buried_gels
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes, collision_spheres
-from pipeline.kernels.hand.convex_shapes import convex_error
+from pipeline.kernels.hand.convex_shapes import buried_gels, convex_error
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.posture_samples import blocked_fingers, sample_postures

@@ -21,7 +21,7 @@ from pipeline.drawing.views import fitted_camera, render_mesh
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import METRES, stated_units
 from pipeline.formats.scene_file import load_scene
-from pipeline.kernels.geometry.normalise import bounding_diagonal
+from pipeline.kernels.geometry.mesh_cleaning import bounding_diagonal
 from stages.render_vision.renderer import Renderer
 from stages.sample_surfaces import SampleSurfaces, SurfaceSettings, normalised_mesh, unread_remarks
 

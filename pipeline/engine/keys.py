@@ -10,8 +10,7 @@ from importlib import util
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pipeline.config.objects import fingerprint
-from pipeline.config.sources import modelled
+from pipeline.config.sources import fingerprint, modelled
 from pipeline.store import digest
 from pipeline.store.atomic import write_atomically
 from pipeline.store.rows import Row
