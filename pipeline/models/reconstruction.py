@@ -182,6 +182,6 @@ def close_reconstruction(
     """Make one closed, smooth mesh of a reconstruction, through the vertices of touch charts; see `closed_surface`."""
     _, faces = chart_square(reconstruction.side)
     charts = reconstruction.vertices[reconstruction.vision :] if observation is None else observation.touch_vertices[observation.touched]
-    return closed_surface(
-        *join_vision_charts(reconstruction), charts.reshape(-1, reconstruction.side**2, 3), faces.numpy(), resolution=resolution
-    )
+    charts = charts.reshape(-1, reconstruction.side**2, 3)
+    vertices, closed_faces = closed_surface(*join_vision_charts(reconstruction), charts, faces.numpy(), resolution=resolution)
+    return vertices, np.asarray(closed_faces, np.int64)
