@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from pipeline.config.manifest import _sizes, load_manifest
-from pipeline.config.objects import checksum, fingerprint
+from pipeline.config.sources import checksum, fingerprint
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import shipped_files
 from tests.small_manifests import CUBE, folder, manifest

@@ -15,7 +15,6 @@ from pipeline.formats.mesh_parts import check_corners, is_concave, read_numbers,
 
 IMAGE = re.compile(rb"<image\b([^>]*)>(?:(?!</?image\b).)*?<init_from>([^<]*)</init_from>", re.DOTALL)
 """An image with its file. Surfaces contain `init_from` too, but with the id of an image."""
-
 ID = re.compile(rb"\bid\s*=\s*[\"']([^\"']*)")
 COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 ENCODING = re.compile(rb"^\s*<\?xml[^>]*\bencoding\s*=\s*[\"']([\w-]+)")
@@ -32,7 +31,6 @@ SCENE = re.compile(rb"<(\w+:)?instance_visual_scene\b")
 SHADERS = ("phong", "lambert", "blinn", "constant")
 LUMINANCE = np.array([0.212671, 0.71516, 0.072169])
 """Of linear red, green and blue, as COLLADA 1.4.1 weighs them for RGB_ZERO."""
-
 POLYGONS = re.compile(rb"<(polylist|polygons)\b([^>]*)>(.*?)</\1>", re.DOTALL)
 VERTICES = re.compile(rb"<vertices\b([^>]*)>(.*?)</vertices>", re.DOTALL)
 INPUT = re.compile(rb"<input\b[^>]*>")

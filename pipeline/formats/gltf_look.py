@@ -19,21 +19,12 @@ from pipeline.kernels.geometry.transforms import sin_cos
 
 BLACK = 0.01
 """Linear light up to which a base colour is black: such a material shows the light that it emits, if there is any."""
-
 DIELECTRIC = 0.04
 """Part of the light that a surface reflects, whatever its colour, unless it is a metal, whose colour that is."""
-
-WHITE_LIGHT = (1, 1, 1, 1)
-"""The factor of a colour where a material states none."""
-
+WHITE_LIGHT = (1, 1, 1, 1)  # the factor of a colour where a material states none
 Wrap = Literal["clamp", "mirror"]
-
-STEPS = 8
-"""Parts of its size by which a clamped texture is extended, so that parts of a mesh share the result."""
-
-MAX_PIXELS = 2**24
-"""Maximum number of pixels of a texture that is extended: one of 4096 × 4096."""
-
+STEPS = 8  # parts of its size by which a clamped texture is extended, so that parts of a mesh share the result
+MAX_PIXELS = 2**24  # maximum number of pixels of a texture that is extended: one of 4096 × 4096
 WRAPS: dict[Any, Wrap] = {33071: "clamp", 33648: "mirror"}
 """The values of a sampler's `wrapS` and `wrapT`; others repeat."""
 

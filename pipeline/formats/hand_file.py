@@ -25,8 +25,7 @@ from pipeline.kernels.hand.self_collision import overlapping_neighbours
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
-Label = Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{1,60}$")]
-"""A name of an array's entry, and of exported files."""
+Label = Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{1,60}$")]  # a name of an array's entry, and of exported files
 Value = TypeVar("Value")
 MAX_SKEW = 1e-2
 """Cosine of the angle between a sensor's normal and columns from which it is no rounding: directions of three digits are read."""

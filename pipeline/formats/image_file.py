@@ -14,12 +14,9 @@ from PIL.TiffImagePlugin import BITSPERSAMPLE, TiffImageFile
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import foreign_content, read_file
 
-FORMATS = ("PNG", "JPEG", "BMP", "TIFF")
-"""Pillow would open others too, some by starting a program."""
-SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
-"""Suffixes of their files."""
-MAX_BYTES, MAX_PIXELS = 2**28, 2**26
-"""Limits of a file, and of the image in it: 67 megapixels take 200 MB."""
+FORMATS = ("PNG", "JPEG", "BMP", "TIFF")  # Pillow would open others too, some by starting a program
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")  # suffixes of their files
+MAX_BYTES, MAX_PIXELS = 2**28, 2**26  # limits of a file, and of the image in it: 67 megapixels take 200 MB
 
 
 def image_files(files: Iterable[Path], leave_out: Path) -> list[Path]:

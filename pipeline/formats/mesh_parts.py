@@ -14,21 +14,13 @@ from pipeline.kernels.geometry.mesh import Look, Mesh
 
 Decode = Callable[[str, bytes], "NDArray[np.uint8] | None"]
 """Decode the texture of this name and content to (height, width, 4); None, and an entry of `unread`, if that fails."""
-
 MAX_UV = 2.0**20
 """Repeats of a texture beyond which float32 cannot tell its pixels apart: such coordinates are damaged, and become 0."""
-
-GREY = (178, 178, 178, 255)
-"""The colour of faces without a material, as 3D Warehouse's default material."""
-
+GREY = (178, 178, 178, 255)  # the colour of faces without a material, as 3D Warehouse's default material
 WHITE = (255, 255, 255, 255)
-
 MAX_FACES = 2_000_000
 """Maximum number of faces of a mesh file, and a third of that of vertices. More would take gigabytes, whatever `max_faces` allows."""
-
-
-TURN = 1e-6
-"""Sine of the turn at a corner, against the polygon's sense, from which it counts as concave."""
+TURN = 1e-6  # sine of the turn at a corner, against the polygon's sense, from which it counts as concave
 
 
 def check_count(what: str, number: int, limit: int, remedy: str) -> None:

@@ -26,10 +26,7 @@ from pipeline.kernels.geometry.mesh import Look, Mesh
 
 BYTES = 5 * 2**28
 """Memory that reading a file may take: a COLLADA file of a million faces takes 1.1 GB, other formats less."""
-
-SECONDS = 60
-"""Processor time that reading a file may take: a million faces take 7 s at most."""
-
+SECONDS = 60  # processor time that reading a file may take: a million faces take 7 s at most
 REMEDY = "decimate the mesh, name each part once, or write it as binary PLY"
 START = """
 import collada, lxml.builder, PIL.Image
@@ -39,7 +36,6 @@ PIL.Image.init()
 serve(parse_mesh)
 """
 """The program of the process; it imports what readers need before a limit applies."""
-
 _lock = threading.Lock()
 _readers: dict[int, subprocess.Popen[bytes]] = {}
 """The reader of each process that has one, by its number: a fork of it starts its own."""

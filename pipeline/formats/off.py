@@ -12,9 +12,7 @@ from pipeline.kernels.geometry.mesh import Mesh
 
 KIND = re.compile(rb"\s*((?:ST|C|N|4|n)*)OFF\b|\s*off\b|\s*((?:ST|C|N|4|n)*)OFF(?=\d)")
 """The first word: which numbers follow the position of a vertex. Some files have no blank behind it; it may be missing."""
-
-MAX_NORMAL = 2 * np.pi
-"""Largest part of a normal that programs write: they sum up the angles of the faces at a vertex."""
+MAX_NORMAL = 2 * np.pi  # largest part of a normal that programs write: they sum up the angles of the faces at a vertex
 
 
 def read_off(content: bytes, unread: list[str]) -> list[Mesh]:

@@ -18,18 +18,12 @@ COLORS = [
     for prefix, channels in product(("", "diffuse_"), (("red", "green", "blue", "alpha"), ("r", "g", "b", "a")))
 ]
 """Names of the properties of a colour, the last of which may be missing."""
-
 COLOR_LIKE = re.compile(r"(?!ambient|specular|emissive).*(?:red|green|blue|colou?r|rgb)|intensity$|gr[ae]y$|material_index$")
 """Names of properties that look like a colour."""
-
-COORDINATES = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
-"""Names of the texture coordinates of a vertex."""
-
+COORDINATES = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))  # names of the texture coordinates of a vertex
 PAGES = ("texnumber", "texindex", "tex_index", "texture_index", "texture_number")
 """Names of the property of a face, or of a vertex, that numbers its texture from 0."""
-
-TEXTURE = "texturefile"
-"""The word in a comment before the name of a texture."""
+TEXTURE = "texturefile"  # the word in a comment before the name of a texture
 
 
 def read_ply(content: bytes, files: Mapping[str, bytes], decode: Decode, unread: list[str]) -> list[Mesh]:

@@ -13,14 +13,11 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import foreign_content, read_file, read_text
 from pipeline.kernels.vision.camera import Viewpoint
 
-VIEWS, PIXELS = 24, 137
-"""Images per model, and pixels per side of each."""
-
+VIEWS, PIXELS = 24, 137  # images per model, and pixels per side of each
 METADATA, LIST = "rendering_metadata.txt", "renderings.txt"
 FIELD_OF_VIEW = 25.0
 """Degrees, the last value of each line of the metadata: the cited renderings state it, and were not made with it."""
-MAX_BYTES = 2**20
-"""Maximum size of an image, or of the metadata: those of the cited renderings have 5 to 30 kB."""
+MAX_BYTES = 2**20  # maximum size of an image, or of the metadata: those of the cited renderings have 5 to 30 kB
 
 
 def rendering_files(folder: Path) -> list[Path]:

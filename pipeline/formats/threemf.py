@@ -14,36 +14,24 @@ from pipeline.formats.mesh_parts import GREY, WHITE, Decode, build_part, check_c
 from pipeline.formats.threemf_package import Element, Model, Package, parse_model
 from pipeline.kernels.geometry.mesh import Mesh
 
-MAX_INSTANCES = 100_000
-"""Maximum number of components, counted each time that they are used."""
-
-MAX_DEPTH = 100
-"""Maximum depth of components within components."""
-
+MAX_INSTANCES = 100_000  # maximum number of components, counted each time that they are used
+MAX_DEPTH = 100  # maximum depth of components within components
 EXTENSIONS = ("core/", "material/", "production/", "slice/", "trianglesets/")
 """Parts of the names of the extensions that a file may require: those that are read, and two that do not change the mesh."""
-
 LEFT_OUT = {"support": "a support", "solidsupport": "a support", "other": "a helper that is not built"}
 """Types of objects that are no part of the shape."""
-
 COLORS = {"basematerials": "displaycolor", "colorgroup": "color"}
 """Groups of properties that are colours, and the attribute of each entry that states it."""
-
 UNREAD = {"compositematerials": "mixtures of materials", "multiproperties": "layers of properties"}
 """Groups of properties that are not read."""
-
 SLICER_VOLUMES = {
     "Metadata/Slic3r_PE_model.config": re.compile(rb"ParameterModifier|NegativeVolume|SupportEnforcer|SupportBlocker"),
     "Metadata/model_settings.config": re.compile(rb"modifier_part|negative_part|support_enforcer|support_blocker"),
 }
 """Where PrusaSlicer, and Bambu Studio and its like, state which parts of an object are none of its shape, and their words for these."""
-
-FILAMENTS = "Metadata/project_settings.config"
-"""Where Bambu Studio and its like state the colours of filaments."""
-
+FILAMENTS = "Metadata/project_settings.config"  # where Bambu Studio and its like state the colours of filaments
 CURA_VOLUMES = ("support_mesh", "anti_overhang_mesh", "cutting_mesh", "infill_mesh")
 """Cura's settings of an object that is no part of the shape."""
-
 SETTINGS = ("metadatagroup", "settings")
 """Elements of an object that hold its settings; the latter is of early versions of Cura."""
 

@@ -19,19 +19,12 @@ from pipeline.kernels.geometry.transforms import rotation_from_euler, transform_
 from pipeline.kernels.hand.model import Shape
 
 Color = tuple[int, int, int]
-MAX_NUMBER = 1e6
-"""Maximum of a number, metres or radians."""
-
+MAX_NUMBER = 1e6  # maximum of a number, metres or radians
 MAX_TURN, MAX_SLIDE = 1.01 * 2 * np.pi, 1.0
 """rad and m, of a rotation and of the path of a joint that slides: what is larger is in degrees or millimetres."""
-
-MAX_LEVELS = 20
-"""Number of folders around a URDF in which a package is searched for."""
-
+MAX_LEVELS = 20  # number of folders around a URDF in which a package is searched for
 REMEDY = "copy it there, or put an empty package.xml into the folder that holds both"
-
-GREY: Color = (178, 178, 178)
-"""sRGB colour of a visual shape that names none."""
+GREY: Color = (178, 178, 178)  # sRGB colour of a visual shape that names none
 
 
 def shape_of(

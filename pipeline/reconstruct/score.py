@@ -9,8 +9,7 @@ from typing import Any
 from rich.console import Console
 
 from pipeline.config.manifest import load_manifest
-from pipeline.config.objects import Object
-from pipeline.config.sources import identity
+from pipeline.config.sources import Object, identity
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.make import make
 from pipeline.engine.plan import Request

@@ -16,7 +16,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import stated_units
 from pipeline.formats.mesh_file import load_mesh
 from pipeline.formats.urdf_shapes import shape_of
-from pipeline.kernels.geometry.normalise import normalise_mesh
+from pipeline.kernels.geometry.mesh_cleaning import normalise_mesh
 
 SIDES = (30.0, 20.0, 10.0)
 

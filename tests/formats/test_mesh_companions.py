@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from pipeline.config.objects import fingerprint
+from pipeline.config.sources import fingerprint
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_companions import Companions
 from pipeline.formats.mesh_file import load_mesh

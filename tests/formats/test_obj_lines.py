@@ -6,7 +6,7 @@ import pytest
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_file import parse_mesh
-from pipeline.formats.obj_lines import rewrite_uses
+from pipeline.formats.obj import rewrite_uses
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 LIBRARY = b"newmtl Red\nKd 1 0 0\nnewmtl Wood #25\nKd 0 1 0\nnewmtl two words\nKd 0 0 1\n"
