@@ -185,31 +185,23 @@ class _Builder:
         """Read the properties of a part: entry 0 is none, the last one is white."""
         if part.name in self._properties:
             return self._properties[part.name]
-        first, colors, uv, pages, textures = dict[int, int](), [GREY], [(0.0, 0.0)], [-1], list[NDArray[np.uint8] | None]()
+        first, textures = dict[int, int](), list[NDArray[np.uint8] | None]()
+        none = (GREY, (0.0, 0.0), -1)
+        rows = [none]  # color, coordinates and number of the texture of each entry
         for number, group in part.resources.items():
             if group.tag not in (*COLORS, *UNREAD, "texture2dgroup"):
                 continue
-            first[int(number)] = len(colors)
+            first[int(number)] = len(rows)
             if group.tag in UNREAD:
                 self.lost[f"{UNREAD[group.tag]} ({group.tag}) are not read"] = None
             if group.tag == "texture2dgroup":
                 textures.append(self._texture(part, group))
-            for entry in group.children:
-                if group.tag == "texture2dgroup":
-                    colors.append(WHITE if textures[-1] is not None else GREY)
-                    uv.append((float(entry.attributes["u"]), float(entry.attributes["v"])))
-                    pages.append(len(textures) - 1 if textures[-1] is not None else -1)
-                else:
-                    colors.append(_color(entry.attributes.get(COLORS.get(group.tag, ""), "")))
-                    uv.append((0.0, 0.0))
-                    pages.append(-1)
-        table = _Properties(
-            first,
-            np.array([*colors, WHITE], np.uint8),
-            np.array([*uv, (0, 0)], np.float64),
-            np.array([*pages, -1], np.int64),
-            textures,
-        )
+                color, page = (GREY, -1) if textures[-1] is None else (WHITE, len(textures) - 1)
+                rows += [(color, (float(entry.attributes["u"]), float(entry.attributes["v"])), page) for entry in group.children]
+            else:
+                rows += [(_color(entry.attributes.get(COLORS.get(group.tag, ""), "")), *none[1:]) for entry in group.children]
+        colors, uv, pages = zip(*rows, (WHITE, *none[1:]), strict=True)
+        table = _Properties(first, np.array(colors, np.uint8), np.array(uv, np.float64), np.array(pages, np.int64), textures)
         return self._properties.setdefault(part.name, table)
 
     def _texture(self, part: _Part, group: Element) -> NDArray[np.uint8] | None:

@@ -7,8 +7,9 @@ import pytest
 from PIL import Image
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.rendering_folder import read_renderings, write_renderings
+from pipeline.formats.rendering_folder import read_renderings
 from pipeline.kernels.vision.camera import Viewpoint
+from tools.synthetic_renderings import write_renderings
 
 IMAGES = np.random.default_rng(0).integers(0, 256, (24, 137, 137, 4), dtype=np.uint8)
 VIEWPOINTS = [Viewpoint(15.0 * number, 25.0 + number / 10, 0.0, 0.7) for number in range(24)]
