@@ -21,7 +21,7 @@ from pipeline.errors import StageError
 from pipeline.formats.rendering_folder import METADATA, PIXELS, VIEWS, image_name
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.normalise import POSITION, bounding_diagonal
+from pipeline.kernels.geometry.mesh_cleaning import POSITION, bounding_diagonal
 from pipeline.kernels.vision.camera import FARTHEST, FOCAL, SENSOR, Camera, Viewpoint, look_at
 from pipeline.kernels.vision.scene import Label
 from pipeline.rng import numpy_rng

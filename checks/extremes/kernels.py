@@ -14,8 +14,7 @@ from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.charts.touch_chart import FitOptions, chart_square
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh, face_cross_products, sample_triangles
-from pipeline.kernels.geometry.mesh_cleaning import clean_mesh
-from pipeline.kernels.geometry.normalise import POSITION, normalise_mesh
+from pipeline.kernels.geometry.mesh_cleaning import POSITION, clean_mesh, normalise_mesh
 from pipeline.kernels.geometry.signed_distance import rms_distance_to_surface, signed_distances
 from pipeline.kernels.geometry.surface_wrapping import wrap_surface
 from pipeline.kernels.hand.distance_field import build_distance_field

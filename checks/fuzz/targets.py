@@ -17,8 +17,7 @@ from PIL import Image
 from checks.fuzz.predict_target import Predictions
 from checks.fuzz.store_target import Stores
 from checks.fuzz.target import Files, Target
-from pipeline.cluster.cluster_profile import load_cluster
-from pipeline.cluster.slurm_jobs import Submission, plan_jobs, script_of
+from pipeline.cluster.slurm_jobs import Submission, load_cluster, plan_jobs, script_of
 from pipeline.config import folder_sources
 from pipeline.config.manifest import load_manifest
 from pipeline.config.sources import fingerprint

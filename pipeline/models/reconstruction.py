@@ -178,7 +178,7 @@ def close_reconstruction(
     reconstruction: Reconstruction,
     resolution: int = RESOLUTION,  # edges along the longest side of the surface's box, 64 or more
     observation: Observation | None = None,  # gives an implicit network's touch charts
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:  # vertices (V, 3) m, faces (F, 3)
+) -> tuple[NDArray[np.float64], NDArray[np.integer]]:  # vertices (V, 3) m, faces (F, 3)
     """Make one closed, smooth mesh of a reconstruction, through the vertices of touch charts; see `closed_surface`."""
     _, faces = chart_square(reconstruction.side)
     charts = reconstruction.vertices[reconstruction.vision :] if observation is None else observation.touch_vertices[observation.touched]

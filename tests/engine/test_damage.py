@@ -187,6 +187,8 @@ def test_record_of_another_format_is_not_reported_as_damaged(tmp_path):
         StoreError, match=r"the record is of format 3, this version of vt-pipeline reads format 2; use the version that wrote it"
     ):
         published(tmp_path)
+    account = read_account(tmp_path)
+    assert (account.damaged, len(account.other_versions)) == ([], 1)
 
 
 def test_status_lists_damaged_records_and_the_remaining_artifacts(tmp_path):

@@ -119,4 +119,4 @@ def test_sockets_and_devices_in_unrecorded_files_are_refused(tmp_path, put: Call
     put(tmp_path / checkpoint.FILE)
     module = torch.nn.Linear(1, 1)
     with pytest.raises(OSError, match="it is not a regular file"):
-        checkpoint.load(tmp_path, checkpoint.State(module, torch.optim.Adam(module.parameters())))
+        checkpoint.load(tmp_path, module, torch.optim.Adam(module.parameters()))

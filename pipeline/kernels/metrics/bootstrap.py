@@ -39,9 +39,7 @@ def difference_interval(first: Array, second: Array, rng: np.random.Generator, *
     same trainings in the same order, and differences between trainings cancel too.
     """
     if np.shape(first)[-1:] != np.shape(second)[-1:]:
-        raise ValueError(
-            f"{np.shape(first)} and {np.shape(second)} values cannot be paired: both need one value for each of the same objects"
-        )
+        raise ValueError(f"{np.shape(first)} and {np.shape(second)} values cannot be paired: both need one per object")
     first, second = _checked(first), _checked(second)
     # the difference per object is exact where both are equal, which a difference of means is not
     parts = (first - second,) if same_trainings or len(first) == len(second) == 1 else (first, -second)

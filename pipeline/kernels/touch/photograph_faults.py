@@ -1,7 +1,5 @@
 """Say what is wrong with photographs of a gel as a whole, before they are read: exchanged colours, turned, mirrored, exposure."""
 
-from __future__ import annotations
-
 import cmath
 import math
 from functools import lru_cache
@@ -49,7 +47,7 @@ def stop_at(faults: list[str]) -> None:
 
 
 def untouched_faults(untouched: NDArray[np.uint8], sensor: Sensor) -> list[str]:
-    """List how an untouched photograph, (rows, cols, 3) with any numbers of pixels, is altered beside the background of the sensor file.
+    """List how an untouched photograph, (rows, cols, 3), is altered beside the background of the sensor file.
 
     Other sides than the sensor's are no fault here: readers name them.
     """
@@ -66,19 +64,12 @@ def untouched_faults(untouched: NDArray[np.uint8], sensor: Sensor) -> list[str]:
 
 
 def photograph_faults(
-    photograph: NDArray[np.uint8], untouched: NDArray[np.uint8] | None, sensor: Sensor | None = None, name: str = "the photograph"
+    photograph: NDArray[np.uint8],  # (rows, cols, 3)
+    untouched: NDArray[np.uint8] | None,  # (rows, cols, 3); without one, the photograph is compared with the sensor's background
+    sensor: Sensor | None = None,  # if it is known, the untouched photograph may turn out to be the pressed one
+    name: str = "the photograph",
 ) -> list[str]:
-    """List how a photograph, perhaps of a press, is altered beside the untouched one; one of other sides has no fault here.
-
-    Parameters
-    ----------
-    photograph, untouched
-        (rows, cols, 3) uint8; without an untouched one the photograph is compared with the sensor's background.
-    sensor
-        The sensor, if it is known. Then the untouched photograph may turn out to be the pressed one.
-    name
-        Of the photograph.
-    """
+    """List how a photograph, perhaps of a press, is altered beside the untouched one; one of other sides has no fault here."""
     if untouched is None:
         assert sensor is not None
         reference, exposure, beside = _background(sensor), OTHER_DAY_EXPOSURE, f"the background of sensor {sensor.name}"

@@ -6,7 +6,7 @@ Valid range: meshes from 1 µm to 1 km large, within 100 m of the origin; the er
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.arrays import Array, Indices
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products
 from pipeline.kernels.geometry.mesh_cleaning import number_positions
 from pipeline.kernels.geometry.transforms import unit_vectors
@@ -37,7 +37,8 @@ def corner_normals(vertices: Array, faces: NDArray[np.int32]) -> Array:
 
     smooth = normal_of.copy()
     corners = order[count[position[order]] <= MAX_NEIGHBOURS]
-    for chunk in _chunks(corners, count[position[corners]]):
+    cuts = np.flatnonzero(np.diff(np.cumsum(count[position[corners]]) // PAIRS_PER_CHUNK)) + 1
+    for chunk in filter(len, np.split(corners, cuts)):
         neighbours = count[position[chunk]]
         starts = np.cumsum(neighbours) - neighbours
         rank = np.arange(neighbours.sum()) - np.repeat(starts, neighbours)
@@ -55,9 +56,3 @@ def _corner_angles(triangles: Array) -> Array:
     behind = np.roll(triangles, 1, axis=1) - triangles
     cross = np.linalg.norm(np.cross(ahead, behind), axis=2)
     return np.asarray(np.arctan2(cross, np.einsum("fci,fci->fc", ahead, behind)))
-
-
-def _chunks(corners: Indices, pairs: Indices) -> list[Indices]:
-    """Cut `corners` into runs of about `PAIRS_PER_CHUNK` pairs each."""
-    cuts = np.flatnonzero(np.diff(np.cumsum(pairs) // PAIRS_PER_CHUNK)) + 1
-    return [run for run in np.split(corners, cuts) if len(run)]

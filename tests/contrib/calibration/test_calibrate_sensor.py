@@ -69,7 +69,7 @@ def test_a_known_model_is_recovered(folder: Path, tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["calibrate-sensor", str(folder), str(out), *size, "--shadows", "3"])
     (folder / "circles.csv").unlink()
     assert result.exit_code == 0, result.output
-    assert "left out nothing.png: nothing touches" in " ".join(result.output.split())
+    assert "not used: nothing.png: nothing touches" in " ".join(result.output.split())
     assert out.with_name("mine-calibration.png").stat().st_size > 10_000
     assert (tmp_path / "thesis.txt").read_text() == "mine"  # links were replaced
     mine = load_sensor(out)

@@ -8,8 +8,7 @@ from scipy import stats
 
 from pipeline.kernels.geometry.exterior_sampling import DIRECTIONS, MIN_ESCAPES, RAY_OFFSET, EscapeTest, sample_exterior, spread_directions
 from pipeline.kernels.geometry.mesh import Mesh, face_cross_products, sample_triangles
-from pipeline.kernels.geometry.mesh_cleaning import clean_mesh
-from pipeline.kernels.geometry.normalise import normalise_mesh
+from pipeline.kernels.geometry.mesh_cleaning import clean_mesh, normalise_mesh
 from tests.conftest import mesh_of
 from tests.references.escaping_rays import count_escapes
 

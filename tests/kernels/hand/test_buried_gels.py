@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.hand.buried_gels import buried_gels, depth_in_link
+from pipeline.kernels.hand.convex_shapes import buried_gels, depth_in_link
 from pipeline.kernels.hand.model import Hand, Link, Shape
 
 GRIPPER, SENSOR = load_hand("two_finger_gripper"), load_sensor("gel_16mm")

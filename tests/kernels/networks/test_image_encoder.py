@@ -79,7 +79,7 @@ def test_map_grids_follow_the_recursion() -> None:
 
 
 def test_encoder_rejects_images_of_four_channels() -> None:
-    with pytest.raises(ValueError, match=r"images are \(1, 4, 256, 256\)"):
+    with pytest.raises(ValueError, match=r"shape \(1, 4, 256, 256\)"):
         ImageEncoder(ENCODER_PLANS[12])(torch.zeros(1, 4, 256, 256))
 
 

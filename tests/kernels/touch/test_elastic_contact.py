@@ -5,8 +5,7 @@ import pytest
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.elastic_contact import press_elastic
-from pipeline.kernels.touch.elastic_layer import layer_factor
+from pipeline.kernels.touch.elastic_contact import layer_factor, press_elastic
 from pipeline.kernels.touch.press_shapes import press_relief, random_press
 from pipeline.kernels.touch.pressed_gel import normal_force, press_gel
 from pipeline.kernels.touch.sensor import Gel, Sensor, pixel_centres
