@@ -14,6 +14,7 @@ from PIL.TiffImagePlugin import BITSPERSAMPLE, TiffImageFile
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import foreign_content, read_file
+from pipeline.kernels.arrays import Mask
 
 FORMATS = ("PNG", "JPEG", "BMP", "TIFF")  # Pillow would open others too, some by starting a program
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")  # suffixes of their files
@@ -32,7 +33,7 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     return pixels
 
 
-def read_mask(path: Path) -> NDArray[np.bool_]:
+def read_mask(path: Path) -> Mask:
     """Read a mask: (rows, cols) bool, true where the file is not 0 in some colour; errors as `read_image`, and JPEG is refused."""
 
     def levels(image: Image.Image) -> NDArray[Any]:
