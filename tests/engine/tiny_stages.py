@@ -234,12 +234,12 @@ def leave_row(wanted: Request, name: str) -> None:
 
 def pack(wanted: Request, row: Callable[[Unit], Row], failed: str = "") -> None:
     """Publish the rows that a function gives for each object, without starting workers; `failed` names failed objects."""
-    plan = plan_of(wanted)
-    for unit in plan.units:
-        failure = Failure(stage=plan.stage.name, reason="no room") if unit.name in failed else None
-        values = {} if failure else conform(plan.output.artifact, row(unit))
-        plan.output.rows.save(Result(name=unit.name, key=unit.key, failure=failure), values, unit.category)
-    assert not plan.make(CONSOLE).objects
+    for plan in plans(wanted):
+        for unit in plan.units:
+            failure = Failure(stage=plan.stage.name, reason="no room") if unit.name in failed else None
+            values = {} if failure else conform(plan.output.artifact, row(unit))
+            plan.output.rows.save(Result(name=unit.name, key=unit.key, failure=failure), values, unit.category)
+        assert not plan.make(CONSOLE).objects
 
 
 def publish(data: Path, name: str, folder: Path, stage: str, facts: dict[str, Any] | None = None) -> Path:
