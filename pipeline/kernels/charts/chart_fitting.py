@@ -69,7 +69,7 @@ class _Fit:
         count = len(cloud)
         size = min(options.cloud_points or count, count)
         order = torch.randperm(count, generator=generator).numpy() if size < count else np.arange(count)
-        self.parts = self.cloud[order][: count // size * size].reshape(-1, size, 3)  # a smaller last part is left out
+        self.parts = self.cloud[order][: count // size * size].reshape(-1, size, 3)  # a smaller last part is dropped
         self.targets = planar_grid(self.parts[0]), planar_grid(self.cloud)
         self.chart = ChartState(square.copy(), np.zeros_like(square), np.zeros_like(square), faces)
         self.near_loss = np.inf if options.cloud_points is None else NEAR_FLOORS * sampling_floor(1.0, options.cloud_points) / 2

@@ -171,10 +171,10 @@ def attach_points(
         return vertices, faces
     for number in range(ATTACHMENT_ROUNDS):
         for _ in range(2):  # each at most halves the edges
-            places = _nearest_facing_points(vertices, faces, points, normals, spacing)[1]
+            closest = _nearest_facing_points(vertices, faces, points, normals, spacing)[1]
             ends, _edge = mesh_edges(faces)
             is_long = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1) > 1.5 * spacing / REFINEMENT
-            is_near = cKDTree(places).query(vertices[ends].mean(axis=1))[0] < spacing
+            is_near = cKDTree(closest).query(vertices[ends].mean(axis=1))[0] < spacing
             vertices, faces = split_edges(vertices, faces, is_long & is_near)
         vertices = _displace_vertices(
             vertices, faces, points, *_nearest_facing_points(vertices, faces, points, normals, spacing), spacing, coarse=not number
@@ -185,7 +185,7 @@ def attach_points(
 def _nearest_facing_points(
     vertices: Array, faces: Integers, points: Array, normals: Array, spacing: float
 ) -> tuple[Indices, Array]:  # (N,) faces, (N, 3)
-    """Find the face that each point belongs to, and the nearest place on it."""
+    """Find the face that each point belongs to, and its closest point."""
     corners = vertices[faces]
     facing = unit_vectors(face_cross_products(corners))
     weight = NORMAL_WEIGHT * spacing / np.sqrt(2)
@@ -193,17 +193,17 @@ def _nearest_facing_points(
     count = min(CANDIDATES, len(faces))
     candidates = tree.query(np.concatenate([points, weight * normals], axis=1), k=count)[1].reshape(-1)  # (N count)
     repeated = np.repeat(points, count, axis=0)
-    places: Array = trimesh.triangles.closest_point(corners[candidates], repeated)  # type: ignore[no-untyped-call]
-    best = np.linalg.norm(places - repeated, axis=1).reshape(-1, count).argmin(axis=1) + count * np.arange(len(points))
-    return candidates[best], places[best]
+    closest: Array = trimesh.triangles.closest_point(corners[candidates], repeated)  # type: ignore[no-untyped-call]
+    best = np.linalg.norm(closest - repeated, axis=1).reshape(-1, count).argmin(axis=1) + count * np.arange(len(points))
+    return candidates[best], closest[best]
 
 
 def _displace_vertices(
-    vertices: Array, faces: Integers, points: Array, face: Indices, places: Array, spacing: float, *, coarse: bool
+    vertices: Array, faces: Integers, points: Array, face: Indices, closest: Array, spacing: float, *, coarse: bool
 ) -> Array:
-    """Displace the vertices around the places so that these come to the points or near them; with `coarse`, details keep their shape."""
-    offset = points - places
-    distances, nearest = cKDTree(places).query(vertices)
+    """Displace the vertices around the closest points so that these come near the points; with `coarse`, details keep their shape."""
+    offset = points - closest
+    distances, nearest = cKDTree(closest).query(vertices)
     farthest = LARGEST_SHARE * float(np.ptp(vertices, axis=0).max())
     pulled = np.minimum(FALLOFF * np.linalg.norm(offset, axis=1)[nearest], farthest)
     corners = vertices[faces[face]]
@@ -211,7 +211,7 @@ def _displace_vertices(
     facing = np.einsum("ni,ni->n", vertex_normals(vertices, faces), outwards[nearest])
     inwards = np.einsum("ni,ni->n", offset, outwards)[nearest] < 0
     movable = ((facing > 0) & (distances < REACH * spacing + pulled)) | (inwards & (distances < pulled))
-    weights = 1 / np.maximum(np.linalg.norm(corners - places[:, None], axis=2), 1e-3 * spacing)  # enough: the next round pulls again
+    weights = 1 / np.maximum(np.linalg.norm(corners - closest[:, None], axis=2), 1e-3 * spacing)  # enough: the next round pulls again
     weights /= weights.sum(axis=1, keepdims=True)
     rows = np.repeat(np.arange(len(points)), 3)
     constraints = sparse.csr_array((weights.ravel(), (rows, faces[face].ravel())), shape=(len(points), len(vertices)))[:, movable]

@@ -105,13 +105,13 @@ def chart_normals(vertices: Tensor) -> Tensor:
 def touches_by_item(vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> TouchPoints:  # P is S times the most charts
     """Group the touch charts (T, S, 3), radii from the centre, of which some touched (T,), by item, with counts per item."""
     item = torch.repeat_interleave(torch.arange(len(counts)), torch.tensor(counts))
-    place = torch.cat([torch.arange(0), *map(torch.arange, counts)])
-    where = torch.stack([item, place]).to(vertices.device)
+    slot = torch.cat([torch.arange(0), *map(torch.arange, counts)])
+    where = torch.stack([item, slot]).to(vertices.device)
 
-    def placed(charts: Tensor) -> Tensor:
+    def padded_by_item(charts: Tensor) -> Tensor:
         """Pad (T, S, ...) values per item with zeros: (B, P, ...)."""
         padded = charts.new_zeros(len(counts), max(counts), *charts.shape[1:])
         return padded.index_put((where[0], where[1]), charts).flatten(1, 2)
 
     flags = touched[:, None].expand(vertices.shape[:2])
-    return TouchPoints(placed(vertices), placed(chart_normals(vertices)), placed(flags), placed(~flags))
+    return TouchPoints(padded_by_item(vertices), padded_by_item(chart_normals(vertices)), padded_by_item(flags), padded_by_item(~flags))

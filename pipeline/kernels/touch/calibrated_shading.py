@@ -122,7 +122,7 @@ def _shade(
 ) -> None:
     """Add the change of colours at every pixel that is drawn in or next to one that is, row by row."""
     rows, cols = bump.shape
-    slopes, places = degrees
+    slopes, position_degree = degrees
     terms = np.empty((shading.shape[1], cols))
     light, local = np.empty(cols), np.empty(cols)
     for row in range(rows):
@@ -163,9 +163,9 @@ def _shade(
             for term in range(shading.shape[1]):
                 value = local[first : last + 1]
                 value[:] = 0.0
-                for i in range(places, -1, -1):  # Horner's rule in x; the coefficients are polynomials in y
+                for i in range(position_degree, -1, -1):  # Horner's rule in x; the coefficients are polynomials in y
                     factor_y = 0.0
-                    for j in range(places - i, -1, -1):
+                    for j in range(position_degree - i, -1, -1):
                         factor_y = factor_y * y[row] + shading[channel, term, (i + j) * (i + j + 1) // 2 + j]
                     for n in range(len(value)):
                         value[n] = value[n] * across[n] + factor_y

@@ -73,17 +73,17 @@ class Calibration(Entry):
 
     @model_validator(mode="after")
     def _are_polynomials(self) -> "Calibration":
-        slopes, places = {len(color) for color in self.coefficients}, {len(term) for color in self.coefficients for term in color}
-        fits = len(slopes) == len(places) == 1 and slopes <= SLOPE_TERMS.keys() and places <= POSITION_TERMS.keys()
+        slopes, positions = {len(color) for color in self.coefficients}, {len(term) for color in self.coefficients for term in color}
+        fits = len(slopes) == len(positions) == 1 and slopes <= SLOPE_TERMS.keys() and positions <= POSITION_TERMS.keys()
         if len(self.coefficients) != 3 or not fits:
             raise ValueError(
-                f"coefficients has {len(self.coefficients)} colours with {sorted(slopes)} terms of the normal and {sorted(places)} of the "
+                f"coefficients has {len(self.coefficients)} colours with {sorted(slopes)} terms of the normal and {sorted(positions)} of the "
                 f"position; there must be 3, each with one of {list(SLOPE_TERMS)}, each with one of {list(POSITION_TERMS)}"
             )
-        if self.depth is not None and [len(color) for color in self.depth] != 3 * list(places):
+        if self.depth is not None and [len(color) for color in self.depth] != 3 * list(positions):
             raise ValueError(
                 f"depth has {[len(color) for color in self.depth]} terms of the position by colour; there must be 3 colours, each with as "
-                f"many as coefficients have, {places.pop()}"
+                f"many as coefficients have, {positions.pop()}"
             )
         if not isinstance(self.background, str) and len(self.background) not in POSITION_TERMS:
             raise ValueError(f"background has {len(self.background)} terms of the position; there must be one of {list(POSITION_TERMS)}")

@@ -24,13 +24,13 @@ def seen_colors(
     rows, cols = shown.shape
     to_camera = optical_centre(matrix) - vertices
     to_camera /= np.linalg.norm(to_camera, axis=1, keepdims=True)
-    places = project_points(matrix, vertices)
-    in_image = ((places >= 0) & (places < [cols, rows])).all(axis=1)  # NaN behind the camera is not
+    pixels = project_points(matrix, vertices)
+    in_image = ((pixels >= 0) & (pixels < [cols, rows])).all(axis=1)  # NaN behind the camera is not
     seen = in_image & ((vertex_normals(vertices, faces) * to_camera).sum(axis=1) > STEEPEST)
-    col, row = places[seen].astype(np.int64).T
+    col, row = pixels[seen].astype(np.int64).T
     seen[seen] = shown[row, col]
     seen[seen] = RayScene(vertices, faces).escape(vertices[seen], to_camera[seen], OFFSET)
     colors = np.zeros((len(vertices), 3), np.uint8)
-    col, row = places[seen].astype(np.int64).T
+    col, row = pixels[seen].astype(np.int64).T
     colors[seen] = image[row, col]
     return colors, seen
