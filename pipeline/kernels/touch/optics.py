@@ -76,15 +76,12 @@ class Calibration(Entry):
         slopes, positions = {len(color) for color in self.coefficients}, {len(term) for color in self.coefficients for term in color}
         fits = len(slopes) == len(positions) == 1 and slopes <= SLOPE_TERMS.keys() and positions <= POSITION_TERMS.keys()
         if len(self.coefficients) != 3 or not fits:
-            raise ValueError(
-                f"coefficients has {len(self.coefficients)} colours with {sorted(slopes)} terms of the normal and {sorted(positions)} of the "
-                f"position; there must be 3, each with one of {list(SLOPE_TERMS)}, each with one of {list(POSITION_TERMS)}"
-            )
+            have = f"{len(self.coefficients)} colours with {sorted(slopes)} terms of the normal and {sorted(positions)} of the position"
+            allowed = f"3, each with one of {list(SLOPE_TERMS)}, each with one of {list(POSITION_TERMS)}"
+            raise ValueError(f"coefficients has {have}; there must be {allowed}")
         if self.depth is not None and [len(color) for color in self.depth] != 3 * list(positions):
-            raise ValueError(
-                f"depth has {[len(color) for color in self.depth]} terms of the position by colour; there must be 3 colours, each with as "
-                f"many as coefficients have, {positions.pop()}"
-            )
+            have = f"{[len(color) for color in self.depth]} terms of the position by colour"
+            raise ValueError(f"depth has {have}; there must be 3 colours, each with as many as coefficients have, {positions.pop()}")
         if not isinstance(self.background, str) and len(self.background) not in POSITION_TERMS:
             raise ValueError(f"background has {len(self.background)} terms of the position; there must be one of {list(POSITION_TERMS)}")
         if self.within is not None and not (self.within[0] < self.within[2] and self.within[1] < self.within[3]):
