@@ -69,7 +69,7 @@ fuzz: installed-dev  ## feed a million invalid files to all file readers (half a
 	@$(BIN)/python -m checks.fuzz
 
 bench: installed-dev simulate-touch.0  ## measure every stage beside its raw limit, in one run
-	@$(BIN)/python -m benchmarks surfaces grasps vision depth presses chamfer unet charts gcn --data $(call quoted,$(DATA))
+	@$(BIN)/python -m benchmarks surfaces vision depth presses chamfer gcn --data $(call quoted,$(DATA))
 
 bench-grasps: installed-dev simulate-grasps.0  ## test DATA's grasps in PyBullet and MuJoCo: lift, six directions, DexGraspBench
 	@$(BIN)/python -m benchmarks.held_grasps $(call quoted,$(DATA))

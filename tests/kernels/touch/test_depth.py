@@ -6,9 +6,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth, sphere_traced_depth
 from pipeline.kernels.touch.sensor import pixel_centres
-from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
 from tests.kernels.touch.shapes import SENSOR, coarse, pose_at, sheet
 
 tracers = pytest.mark.parametrize("trace", [ray_depth, sphere_traced_depth])
