@@ -72,14 +72,6 @@ GROUPS = {
         ),
         floor=Array("object", "float64", "m2", "Sampling floor of its Chamfer distance, 2 A / (pi n)."),
     ),
-    "table_1": _group(
-        "Table 1: the dataset, all splits; of `evaluate`.",
-        category=Array("category", "string", "1", "The class; `all` is every object."),
-        objects=Array("category", "int32", "1", "Objects that did not fail."),
-        grasps=Array("category", "int32", "1", "Grasps of them."),
-        touches=Array("category", "int32", "1", "Sensors of these grasps."),
-        successful=Array("category", "float64", "1", "Share of the touches that succeed."),
-    ),
     "charts": _group(
         "Touch charts of the objects evaluated: how far the fitted charts are from their clouds, by the rule that stopped the fit.",
         stop_rule=Array("stop_rule", "string", "1", "Why the fit stopped; `all` is every chart that was fitted."),
