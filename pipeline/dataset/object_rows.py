@@ -70,7 +70,7 @@ class ObjectRows:
         artifacts = self._collections.values()
         failures = {name: failure for name in members for artifact in artifacts if (failure := artifact.failure(name))}
         # objects that failed in an artifact that is read, with stage and reason, or that an incomplete one lacks
-        self.left_out = {name: f"{failure.stage}: {failure.reason}" for name, failure in failures.items()}
+        self.failed = {name: f"{failure.stage}: {failure.reason}" for name, failure in failures.items()}
         self.object_ids = [name for name in members if name not in failures]
         self.categories = [first.row(name).category for name in self.object_ids]
         if not self.object_ids:
@@ -223,7 +223,7 @@ def paired_rows(first: Path, second: Path, *arrays: str) -> Iterator[tuple[str, 
     """Yield the id of each object that failed in neither of two data directories, and its named arrays from each."""
     ours, theirs = (ObjectRows(data, arrays, split=None) for data in (first, second))
     for object_id in ours.object_ids:
-        if object_id not in theirs.left_out:
+        if object_id not in theirs.failed:
             yield object_id, [ours.read(name, object_id) for name in arrays], [theirs.read(name, object_id) for name in arrays]
 
 
