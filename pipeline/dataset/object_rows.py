@@ -93,7 +93,7 @@ class ObjectRows:
         shard = collection.first
         for name, artifact in self._artifact_of.items():
             if artifact is collection.artifact and name not in DERIVED and not shard.has(name):
-                raise StoreError(f"{shard.path} has no {name}: it was made without; set the stage's setting for it and run again")
+                raise StoreError(f"{shard.path} has no array {name}; enable it in the settings of its stage and run again")
 
     def attributes(self, artifact: str) -> Mapping[str, Any]:
         """Read the attributes of an artifact's root, such as `sensors` of `touch`."""
