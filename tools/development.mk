@@ -23,11 +23,11 @@ sensor-weights: $$(if $$(REAL),installed-peers,setup)  ## train the networks tha
 
 test-cpus: lint  ## run the tests as on older processors: without AVX-512, and without AVX2 and FMA
 	@for name in haswell prescott; do \
-	    echo "as on $$name"; $(BIN)/python -m checks.processors $$name $(BIN)/pytest -n auto --dist loadfile -m 'not slow' || exit 1; done
+	    echo "as on $$name"; OMP_NUM_THREADS=1 $(BIN)/python -m checks.processors $$name $(BIN)/pytest -n auto --dist loadfile -m 'not slow' || exit 1; done
 	@$(BIN)/pytest -n 0 checks/same_bytes.py
 
 test-slow: lint  ## run the same tests at full size
-	@$(BIN)/pytest -n auto --dist loadfile --hypothesis-profile thorough tests checks/memory.py
+	@$(PYTEST) --hypothesis-profile thorough tests checks/memory.py
 
 test-extremes: installed-dev  ## feed kernels with the extremes of their ranges, against exact arithmetic; writes docs/extremes.md (5 minutes)
 	@$(BIN)/python -m checks.extremes --write docs/extremes.md

@@ -31,8 +31,7 @@ from pipeline.rng import numpy_rng
 from schemas.charts import STOP_RULES
 from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
-from stages.evaluate.ground_truth import TestObjects, training_objects
-from stages.evaluate.measure import MeasuredCase, Protocol
+from stages.evaluate.measure import MeasuredCase, Protocol, TestObjects, training_objects
 from stages.evaluate.reconstructors import Case, Reconstructor
 from stages.evaluate.stage import GraspMeasuringSettings
 
