@@ -82,8 +82,15 @@ def draw_bars(path: Path, bars: Mapping[str, ArrayLike], labels: Sequence[object
         axes.legend(frameon=False)
 
 
-def draw_histogram(path: Path, values: Mapping[str, NDArray[np.floating]], *, x: str, y: str, limit: float | None = None) -> None:
-    """Draw the distributions of series (N,) as lines over common bins, as an SVG; with a limit, over decades and with a line there."""
+def draw_histogram(
+    path: Path,
+    values: Mapping[str, NDArray[np.floating]],  # (N,) by series
+    *,
+    x: str,
+    y: str,
+    limit: float | None = None,  # marked by a line; bins are over decades
+) -> None:
+    """Draw the distributions of series as lines over common bins, as an SVG."""
     with themed_svg(path) as figure:
         axes = figure.subplots()
         if limit is None:
