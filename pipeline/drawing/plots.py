@@ -20,7 +20,6 @@ from pipeline.store.atomic import write_atomically
 
 INK = "#010203"
 """Placeholder for the colour of text and lines, which follows the page's theme."""
-
 THEME = "<style>svg{--ink:#1b1f24}@media (prefers-color-scheme:dark){svg{--ink:#e8eaed}}</style>"
 DECADES = 3
 """Decades below a limit that a histogram shows; values beyond them, or a decade above it, count at its ends."""

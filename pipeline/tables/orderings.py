@@ -22,7 +22,6 @@ from stages.evaluate.evaluation_files import Figures, read_root
 
 MIN_OBJECTS = 6
 """Objects that a verdict needs: fewer agree by chance more than once in twenty, and give bootstrap intervals that are too short."""
-
 PREFIXES = ("", *(f"{family}-" for family in FAMILIES if family), *sorted({f"{network}-" for network, _ in ROWS.values()}))
 """Prefixes of configurations' names, by family: the claims are the same within each family."""
 

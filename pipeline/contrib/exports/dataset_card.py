@@ -31,7 +31,6 @@ SHOWN_OBJECTS = 3
 
 HUB_SPLITS = {"train": "train", "valid": "validation", "test": "test"}
 """The names that Hugging Face gives the splits."""
-
 CITATION = """@inproceedings{smith2020shape,
   title = {{3D} Shape Reconstruction from Vision and Touch},
   author = {Smith, Edward J. and Calandra, Roberto and Romero, Adriana and Gkioxari, Georgia and
@@ -41,7 +40,6 @@ CITATION = """@inproceedings{smith2020shape,
   year = {2020}
 }"""
 """The paper whose dataset this project rebuilds; cited unless the publisher names another."""
-
 COLLECTION = (
     "Simulated, without people or places: a robot hand closes on the normalised mesh of each object in a physics engine; cameras are "
     "rendered, and tactile images are computed from the depth of the object's surface in the gel."
