@@ -12,7 +12,7 @@ from torch.utils.data import DataLoader
 
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.kernels.networks.unet import UNet, contact_mask, masked_depth_loss
-from pipeline.kernels.tensor_checks import network_input
+from pipeline.kernels.tensors import network_input
 from pipeline.kernels.touch.depth_maps import gel_surface
 
 data, split, epochs = (*sys.argv[1:], *("data/toy/draft", "train", "2")[len(sys.argv) - 1 :])

@@ -13,8 +13,7 @@ import yaml
 from pydantic import ValidationError
 
 from pipeline import plugins
-from pipeline.config.presets import load_presets
-from pipeline.config.settings import Settings
+from pipeline.config.settings import Settings, load_presets
 from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.engine.trade import Trade
 from pipeline.errors import InvalidInput, PipelineError, StageError, unknown_name

@@ -17,8 +17,7 @@ from pipeline.engine.trade import Trade
 from pipeline.engine.unit import Unit
 from pipeline.formats.file_content import is_pointer_file
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.mesh_cleaning import CleaningReport, clean_mesh
-from pipeline.kernels.geometry.normalise import normalise_mesh, normalising_transform
+from pipeline.kernels.geometry.mesh_cleaning import CleaningReport, clean_mesh, normalise_mesh, normalising_transform
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
 from schemas.surfaces import SURFACES

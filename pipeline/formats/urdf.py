@@ -24,8 +24,7 @@ from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.model import Hand, Inertial, Joint, Link, Mimic, Shape
 
 MOVING = ("revolute", "continuous", "prismatic")
-BAR_AFTER = 1.0
-"""Seconds of reading meshes after which a progress bar is shown."""
+BAR_AFTER = 1.0  # seconds of reading meshes after which a progress bar is shown
 
 
 def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
@@ -132,16 +131,18 @@ def _number(element: Element | None, name: str, default: float = 0.0) -> float:
     return float(numbers_of(element, name, (default,))[0])
 
 
+def _link_number(element: Element, role: str, numbers: Mapping[str, int]) -> int:
+    link = _end_link(element, role)
+    if link not in numbers:
+        raise InvalidInput(f"joint {_name(element)} has {role} link {link!r}, which is not among the file's links")
+    return numbers[link]
+
+
 def _joint(element: Element, numbers: Mapping[str, int]) -> Joint:
     name, kind = _name(element), element.get("type", "")
     if kind not in (*MOVING, "fixed"):
         raise InvalidInput(f"joint {name} is of type {kind!r}; supported are {', '.join((*MOVING, 'fixed'))}")
-    ends = []
-    for role in ("parent", "child"):
-        link = _end_link(element, role)
-        if link not in numbers:
-            raise InvalidInput(f"joint {name} has {role} link {link!r}, which is not among the file's links")
-        ends.append(numbers[link])
+    parent, child = (_link_number(element, role, numbers) for role in ("parent", "child"))
     axis = numbers_of(element.find("axis") if kind in MOVING else None, "xyz", (1.0, 0.0, 0.0))  # exporters fix joints about 0 0 0
     if not axis.any():
         raise InvalidInput(f"joint {name} has the axis 0 0 0; give a direction")
@@ -149,7 +150,8 @@ def _joint(element: Element, numbers: Mapping[str, int]) -> Joint:
     joint = Joint(
         name,
         kind,
-        *ends,
+        parent,
+        child,
         origin,
         axis / length(axis),
         lower=_number(limit, "lower"),

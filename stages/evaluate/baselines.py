@@ -8,7 +8,7 @@ from rich.console import Console
 
 from pipeline.console import Meter
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.kernels.geometry.normalise import DIAGONAL, POSITION
+from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, POSITION
 from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances
 from pipeline.kernels.metrics.retrieval import RetrievalCloud, chamfer_matrix, nearest_cloud, silhouette_overlap

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.transforms import compose, invert_pose
+from pipeline.kernels.hand.distance_field import finger_clearance, gel_contact, gel_probes
 from pipeline.kernels.hand.grasp_closure import measure_contact
 from pipeline.kernels.hand.grasp_ik import GraspChoices, grasp_ik
 from pipeline.kernels.hand.grid_loops import gaps
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
-from pipeline.kernels.hand.load_residual import NO_LOAD, Load, lightest_grasp
-from pipeline.kernels.hand.object_distances import finger_clearance, gel_contact, gel_probes
+from pipeline.kernels.hand.load_residual import NO_SUPPORT, Support, best_supporting_grasp
 from pipeline.kernels.hand.pinches import WIDTH_STEP, AntipodalPoints, OpposedPostures, antipodal_points, central_weights, opposed_postures
 from pipeline.kernels.hand.pregrasp import frame_along
 from stages.simulate_grasps.grasp_search import Posture
@@ -75,7 +75,7 @@ class HoldPlanner:
 
     def __call__(self, rng: np.random.Generator) -> Posture | None:
         """Plan a few postures and return the best; None where the hand has no room around the object."""
-        best, plan = NO_LOAD, None
+        best, plan = NO_SUPPORT, None
         for _ in range(self.settings.plans):
             if (draw := self._draw_choices(rng)) is None:
                 continue
@@ -133,7 +133,7 @@ class HoldPlanner:
         fits = np.take_along_axis(clear, fingers, axis=1) & np.take_along_axis(at_object, sensors, axis=1)
         return np.flatnonzero(has_room & fits.all(axis=1))
 
-    def _lightest(self, choices: GraspChoices, best: Load) -> tuple[int, Load]:
+    def _lightest(self, choices: GraspChoices, best: Support) -> tuple[int, Support]:
         """Find the choice that carries the object best: its number and load; -1 and `best` if none surpasses `best`."""
         hand, faces, number = self.prepared_hand.hand, self.prepared_object.faces, -1
         owners = hand.sensor_fingers
@@ -153,13 +153,13 @@ class HoldPlanner:
                     points[option, sensor], normals[option, sensor] = contact.point - self.prepared_object.centre, contact.normal
                     touching[option, sensor] = True
             measured |= needed
-            row, best = lightest_grasp(points[of_batch], normals[of_batch], touching[of_batch], hand.friction, best)
+            row, best = best_supporting_grasp(points[of_batch], normals[of_batch], touching[of_batch], hand.friction, best)
             if row >= 0:
                 number = int(batch[row])
             if self._is_perfect(best):
                 break
         return number, best
 
-    def _is_perfect(self, load: Load) -> bool:
+    def _is_perfect(self, load: Support) -> bool:
         """Check whether no plan can surpass a load."""
         return load == (0, len(self.prepared_hand.sensors))

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows
 from pipeline.errors import StageError
 from pipeline.kernels.networks.unet import UNet, contact_mask, masked_depth_loss, projected_chamfer_loss, visible_depth
-from pipeline.kernels.tensor_checks import network_input
+from pipeline.kernels.tensors import network_input
 from pipeline.kernels.touch.depth_maps import gel_surface, gel_top
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.storage import Location

@@ -9,7 +9,6 @@ import numpy as np
 import pybullet
 import pytest
 import trimesh
-from pipeline.formats.physics_urdf import write_physics_urdf
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
@@ -17,6 +16,7 @@ from pipeline.formats.urdf import ignored_limits
 from pipeline.formats.urdf_shapes import shape_of
 from pipeline.kernels.hand.model import Hand
 from pipeline.physics.client import PhysicsClient
+from pipeline.physics.hand_urdf import write_hand_urdf
 
 RADIUS, LENGTH = 0.006, 0.05
 CAPSULE = f'<capsule radius="{RADIUS}" length="{LENGTH}"/>'
@@ -50,7 +50,7 @@ def test_capsule_is_a_cylinder_with_half_spheres_at_its_ends(role: str, tmp_path
 
 @pytest.mark.parametrize("shape", [CAPSULE, CAPSULE.replace("<capsule", "<drake:capsule")])
 def test_both_physics_engines_load_the_capsule_of_a_finger(shape: str, tmp_path: Path) -> None:
-    urdf = write_physics_urdf(finger(tmp_path, shape), tmp_path)
+    urdf = write_hand_urdf(finger(tmp_path, shape), tmp_path)
     client = PhysicsClient()
     body = client.loadURDF(str(urdf))
     (loaded,) = client.getCollisionShapeData(body, 0)

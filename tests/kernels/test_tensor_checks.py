@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from pipeline.kernels.arrays import WHITE
-from pipeline.kernels.tensor_checks import network_input
+from pipeline.kernels.tensors import network_input
 
 
 @pytest.mark.parametrize("images", [torch.zeros(1, 4, 4, 3), torch.zeros(4, 4, 3, dtype=torch.uint8), torch.zeros(1, 3, 4, 4).byte()])

@@ -13,8 +13,7 @@ from pipeline.kernels.charts.touch_chart import FitOptions, StopRule, chart_squa
 from pipeline.kernels.geometry.signed_distance import rms_distance_to_surface
 from pipeline.kernels.metrics.cloud_distances import checked_cloud, sampling_floor
 
-CHECK_MARGIN = 2.0
-"""The exact loss is checked once its estimate is below this multiple of the halt: in 10 steps it falls by less than that."""
+CHECK_MARGIN = 2.0  # times the halt, below which an estimate calls for a check: in 10 steps the loss falls by less
 NEAR_FLOORS = 10.0
 """A chart is near its cloud once its loss is below this multiple of the sampling floor of `cloud_points`. Until then those points represent
 the whole cloud: from afar many points are about equally near, and a search among all of them is ten times slower."""
@@ -39,10 +38,7 @@ def fit_charts(
     aspect: float = 1.0,  # the sensor's height over its width
     options: FitOptions | None = None,
 ) -> ChartFits:
-    """Fit a chart to each cloud: Adam on its vertices, from the sensor's square, down the Chamfer distance of its samples.
-
-    A chart follows from its cloud, its generator and the options, to the bit.
-    """
+    """Fit a chart to each cloud: Adam on its vertices, from the sensor's square, down the Chamfer distance of its samples."""
     if len(clouds) != len(generators):
         raise ValueError(f"{len(clouds)} clouds, {len(generators)} generators: there must be one per cloud")
     if not 0 < width < np.inf:
@@ -66,16 +62,9 @@ def fit_charts(
 
 
 class _Fit:
-    """Fit one chart; lengths are sensor widths."""
+    """Fit a chart to a cloud (n, 3), n at least 1, from the vertices (V, 3) of a square; lengths are sensor widths."""
 
-    def __init__(
-        self,
-        cloud: Array,  # (n, 3), n at least 1
-        square: Array,  # (V, 3) vertices of the undeformed chart
-        faces: NDArray[np.int64],  # (F, 3)
-        options: FitOptions,
-        generator: torch.Generator,  # shuffles the cloud and draws the chart's samples
-    ) -> None:
+    def __init__(self, cloud: Array, square: Array, faces: NDArray[np.int64], options: FitOptions, generator: torch.Generator) -> None:
         self.options, self.generator, self.cloud = options, generator, np.ascontiguousarray(checked_cloud("the touch", cloud))
         count = len(cloud)
         size = min(options.cloud_points or count, count)

@@ -1,7 +1,7 @@
 """Compiled steps of a touch chart: its loss, the gradient, Adam, and the grid that finds nearest points. In sensor widths, float64.
 
-Points of a touch lie side by side, so that few cells of a grid over x and y hold the neighbours of a point: some ten times faster than a
-k-d tree, and built in a tenth of the time. Other clouds take longer, and give the same neighbours.
+Points of a touch lie side by side: few cells of a grid over x and y hold the neighbours of a point, some ten times faster than a k-d tree,
+and built in a tenth of the time. Other clouds take longer, and give the same neighbours.
 
 All of it is one file: numba keeps machine code by the file of a function, and does not see that one in another file has changed.
 """
@@ -40,10 +40,7 @@ def chamfer_and_gradient(
     cloud: Array,  # (m, 3) points whose nearest samples are found
     target: "PlanarGrid",  # the cloud, or points that represent it, of which each sample finds the nearest
 ) -> tuple[float, Array]:  # distance, gradient (V, 3)
-    """Compute the Chamfer distance between samples of a chart and a cloud, and its gradient.
-
-    The gradient is that with the neighbours and the samples' places on the chart held fixed.
-    """
+    """Compute the Chamfer distance between samples of a chart and a cloud, and its gradient with neighbours and samples held fixed."""
     count, vertices, faces = len(uniform), chart.vertices, chart.faces
     areas = _cumulative_areas(chart)
     chosen, weights, samples = np.empty(count, np.int64), np.empty((count, 3)), np.empty((count, 3))
@@ -216,19 +213,9 @@ def _cell(coordinate: float, start: float, side: float, cells: int) -> int:
 
 @compiled
 def _nearer(
-    points: Array,
-    starts: NDArray[np.int64],
-    columns: int,
-    left: int,
-    right: int,
-    low: int,
-    high: int,
-    x: float,
-    y: float,
-    z: float,
-    place: int,
-    least: float,
-) -> tuple[int, float]:
+    points: Array, starts: NDArray[np.int64], columns: int, left: int, right: int, low: int, high: int,
+    x: float, y: float, z: float, place: int, least: float,
+) -> tuple[int, float]:  # fmt: skip
     """Search a block of cells for a point nearer than that at `place`; return the nearest one's place and its squared distance.
 
     A function of plain arrays: written out twice, or given the grid, it is compiled to half the speed.

@@ -15,14 +15,11 @@ SIDE = 9  # vertices along a side: 81 vertices and 128 faces, the supplement's
 MAX_SIDE = 101  # more vertices would be finer than any tactile image resolves
 
 
-def chart_square(
-    side: int = SIDE,  # vertices along a side; odd, so that one of them, with index side² // 2, is the centre
-    aspect: float = 1.0,  # the sensor's height over its width
-) -> tuple[Tensor, Tensor]:  # (side², 3) float64, sensor widths, and (2 (side - 1)², 3) int64
-    """Make the vertices and faces of a planar chart as large as the sensor, in the plane z = 0 of the sensor frame.
+def chart_square(side: int = SIDE, aspect: float = 1.0) -> tuple[Tensor, Tensor]:  # (side², 3) float64, (2 (side - 1)², 3) int64
+    """Make the vertices, sensor widths, and faces of a planar chart as large as a sensor of some height over width, in its plane.
 
-    x goes from -1/2 to 1/2 along a row, y from -aspect/2 to aspect/2 from row to row, as pixels do. Faces are wound so
-    that normals are +z.
+    x goes from -1/2 to 1/2 along a row, y from -aspect/2 to aspect/2 from row to row, as pixels do. Normals are +z. `side` vertices along
+    a side, odd: the vertex with index side² // 2 is the centre.
     """
     if side % 2 == 0 or not 3 <= side <= MAX_SIDE:
         raise ValueError(f"a chart of side {side}: its side is odd, so that it has a centre, and 3 to {MAX_SIDE}; {SIDE} in the supplement")
@@ -38,7 +35,7 @@ def chart_square(
 
 
 class StopRule(IntEnum):
-    """The end of a chart's fit: no touch, the loss below the threshold, the cap on steps, no points to fit to, or no area left."""
+    """Why a chart's fit ended."""
 
     no_touch = 0
     threshold = 1
@@ -51,9 +48,8 @@ class StopRule(IntEnum):
 class FitOptions:
     """Options of a chart's fit. The defaults are fast; the supplement (2.3) has one loss, of all points, for the steps and the halt.
 
-    Where chart and cloud are one surface of area A, their Chamfer distance is still A / (π samples), and as much again
-    from the cloud's own density: `halt` must lie above. Fewer `step_samples` and `cloud_points` are faster; the exact
-    loss decides all the same. Where each step has all samples and points, each is a check.
+    Where chart and cloud are one surface of area A, their Chamfer distance is still A / (π samples), and as much again from the cloud's own
+    density: `halt` must lie above. Fewer `step_samples` and `cloud_points` are faster; the exact loss decides all the same.
     """
 
     halt: PositiveFloat = 6e-4  # sensor widths², Chamfer distance below which a chart is done
@@ -68,5 +64,5 @@ class FitOptions:
 
     @property
     def always_exact(self) -> bool:
-        """Whether each step has all samples and points."""
+        """Whether each step has all samples and points, and is a check."""
         return self.step_samples >= self.samples and self.cloud_points is None

@@ -19,13 +19,11 @@ def visible_charts(
     intrinsic: Floats,  # (3, 3) camera matrix; pixel centres at ½
     side: int,  # vertices along a side of a chart
     width: float = WIDTH,  # m, of a chart
-) -> Array:  # (T, side², 3) camera frame, m; T may be 0
-    """Fit charts to the visible surface.
+) -> Array:  # (T, side², 3) camera frame (+x along columns, +y along rows, +z ahead), m; T may be 0
+    """Fit charts to the visible surface, ordered as touch charts, so that normals point away from the camera, into the object.
 
-    The camera frame has +x along columns, +y along rows, +z ahead. Vertices are ordered as those of touch charts, so
-    that their normals point away from the camera, into the object. The image is cut into windows that are `width` wide
-    at the object's median depth. A quadric is fitted to the depths of each, by least squares: a chart is smooth where
-    the camera's depth is noisy.
+    The image is cut into windows that are `width` wide at the object's median depth. A quadric is fitted to the depths of each, by least
+    squares: a chart is smooth where the camera's depth is noisy.
     """
     usable = binary_erosion(mask, iterations=RIM) & np.isfinite(depth)
     if not usable.any():

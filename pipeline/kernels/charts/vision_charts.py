@@ -1,9 +1,8 @@
 """The closed sphere of vision charts, and which of their vertices coincide (supplement 3.1, Figure 4).
 
-The sphere is a tetrakis hexahedron (a cube with a pyramid on each side: 24 triangles), each triangle split into four `splits` times
-and bulged onto the unit sphere. Each triangle is one chart, which keeps its own vertices: twelve along the boundary, a ring of six inside
-them, and the centre. Corners and sides shared by charts are known by their numbers, so coordinates are never compared; coinciding
-vertices are copies of one position, equal to the bit.
+The sphere is a tetrakis hexahedron (a cube with a pyramid on each side: 24 triangles), each triangle split into four `splits` times and
+bulged onto the unit sphere. Each triangle is one chart, which keeps its own vertices: twelve along the boundary, a ring of six inside them,
+and the centre. Corners and sides shared by charts are known by their numbers: coinciding vertices are equal to the bit.
 """
 
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.arrays import Array
+from pipeline.kernels.geometry.mesh_cleaning import group_by_position
 
 BOUNDARY, RING = 12, 6
 CHART_VERTICES = BOUNDARY + RING + 1
@@ -43,8 +43,7 @@ class VisionCharts:
 def vision_charts(splits: int = 1) -> VisionCharts:
     """Make the 24 · 4^splits vision charts around the unit sphere, in radii; kept in memory and shared by all callers.
 
-    Each triangle of the tetrakis hexahedron is split into four `splits` times, 0 to 4. Once, the supplement's number,
-    gives 96 charts, 1824 vertices, 2304 faces and 1154 distinct positions.
+    One split, the supplement's, gives 96 charts, 1824 vertices, 2304 faces and 1154 distinct positions.
     """
     if not 0 <= splits <= MAX_SPLITS:
         raise ValueError(f"splits is {splits}, but a sphere of charts can be split 0 to {MAX_SPLITS} times")
@@ -53,12 +52,13 @@ def vision_charts(splits: int = 1) -> VisionCharts:
         triangles = [smaller for triangle in triangles for smaller in _split(triangle, sphere)]
     position = np.array([_chart_positions(triangle, sphere) for triangle in triangles], np.int64)  # (C, 19)
     first = CHART_VERTICES * np.arange(len(triangles), dtype=np.int64)  # (C,)
+    shared = group_by_position(position.ravel())
     return VisionCharts(
         vertices=np.array(sphere.points)[position.ravel()],
         faces=(_chart_faces() + first[:, None, None]).reshape(-1, 3),
         centres=first + CENTRE,
         position=position.ravel(),
-        seams=_coinciding(position.ravel()),
+        seams=np.array(sorted(pair for group in shared for pair in combinations(group.tolist(), 2)), np.int64),
     )
 
 
@@ -131,10 +131,3 @@ def _chart_faces() -> NDArray[np.int64]:
         inner, next_inner = BOUNDARY + k, BOUNDARY + (k + 1) % RING
         faces += [(corner, between, inner), (between, next_inner, inner), (between, following, next_inner), (inner, next_inner, CENTRE)]
     return np.array(faces, np.int64)
-
-
-def _coinciding(position: NDArray[np.int64]) -> NDArray[np.int64]:
-    """List each pair i < j, (S, 2), of vertices with the same position number."""
-    order = np.argsort(position, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(position[order])) + 1)
-    return np.array(sorted(pair for group in groups for pair in combinations(group.tolist(), 2)), np.int64)

@@ -13,10 +13,8 @@ from pipeline.kernels.arrays import Array, Floats, Mask
 Field = Callable[[Array], Floats]
 
 MAX_CELLS = 2**27  # most cells of a grid, which holds a gigabyte of values
-MIN_VALUE_SHARE = 1e-3
-"""Values around the surface are at least this share of the largest, so that no two vertices of the mesh coincide."""
-CELL_CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
-"""Corners of a cell, in libigl's order."""
+MIN_VALUE_SHARE = 1e-3  # of the largest, that values around the surface have at least: no two vertices coincide
+CELL_CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])  # libigl's
 AT_CORNERS = [tuple(slice(1, None) if end else slice(None, -1) for end in corner) for corner in CELL_CORNERS]
 """For each of these corners, the part of a grid's values that holds that corner of every cell."""
 
@@ -31,33 +29,25 @@ def level_set_mesh(
     halvings: int = 3,
     dense_points: Array | None = None,  # (M, 3)
     dense_radius: float = 0.0,
-    loose_pieces: bool = True,
+    loose_pieces: bool = True,  # keep also negative regions that are neither the largest nor near one of `dense_points`
 ) -> tuple[Array, NDArray[np.int64]]:  # vertices (V, 3), faces (F, 3)
-    """Make the closed mesh around the part of a box where a field is negative.
+    """Make the closed mesh, normals outwards, around the part of a box where a field is negative; empty if there is none.
 
-    Normals point outwards, and each edge is in two faces. A negative region is cut off where the box ends, or up to
-    2^halvings cells beyond, and the mesh closed. A field without negative values gives an empty mesh.
+    A negative region is cut off where the box ends, or up to 2^halvings cells beyond, and the mesh closed.
 
-    The field is computed on a grid 2^halvings times as wide. Its cells are then halved, and the field is computed only
-    at points where it can be 0 given `slope` and its neighbours, and further along the surface. With 0 halvings it is
-    computed at all points, and needs no slope. Within `dense_radius` of `dense_points` the field may change faster:
-    there it is computed at each point of the grid.
-
-    `loose_pieces` keeps also the negative regions that are neither the largest nor within `dense_radius` of one of
-    `dense_points`.
+    The field is computed on a grid 2^halvings times as wide. Its cells are then halved, and the field is computed only at points where it
+    can be 0 given `slope` and its neighbours, and further along the surface. With 0 halvings it is computed at all points, and needs no
+    slope. Within `dense_radius` of `dense_points` the field may change faster: there it is computed at each point of the grid.
     """
     low = np.asarray(low, np.float64)
     step = spacing * 2**halvings
     extent = (np.asarray(high) - low) / step
     if not (np.isfinite(extent).all() and (extent > 0).all() and spacing > 0):
-        raise InvalidInput(
-            f"a box from {low} to {high} in cells of {spacing} is empty; the second corner must exceed the first in each coordinate"
-        )
+        raise InvalidInput(f"a box from {low} to {high} in cells of {spacing} is empty; the second corner must exceed the first")
     count = np.ceil(extent)
     if (cells := float(count.prod() * 8.0**halvings)) > MAX_CELLS:
-        raise InvalidInput(
-            f"a box from {low} to {high} in cells of {spacing} has {cells:.2g} cells, more than {MAX_CELLS}; take larger cells"
-        )
+        box = f"a box from {low} to {high} in cells of {spacing}"
+        raise InvalidInput(f"{box} has {cells:.2g} cells, more than {MAX_CELLS}; take larger cells")
     values = np.zeros(count.astype(np.int64) + 1)
     _evaluate(values, np.ones(values.shape, bool), field, low, step)
     for _ in range(halvings):

@@ -1,7 +1,5 @@
 """Triangle meshes as plain arrays: geometry, look, areas, and points drawn from their surface."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,25 +9,14 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Array32, Floats, Indices, Integers
 
 FARTHEST = 1e18  # largest coordinate that kernels take, any unit: its square fits into float32 too
-SLIVER_FLATNESS = 3e-6
-"""A flatter face is replaced by its longest edge, which is off by at most 3e-6 of its length. libigl's distance to it would err by more."""
+SLIVER_FLATNESS = 3e-6  # of a face that is replaced by its longest edge, off by as much: libigl's distance would err more
 SMALLEST = 1e-100  # coordinates that are all smaller, and not 0, are refused: their products vanish in float64
 
 
 def check_coordinates(points: Floats, name: str) -> None:
-    """Refuse points that are NaN, infinite, farther than `FARTHEST` from the origin along an axis, or all nearer than `SMALLEST`.
+    """Refuse points (N, 3), any unit, that are NaN, beyond `FARTHEST` along an axis, or all nearer to the origin than `SMALLEST`.
 
-    Parameters
-    ----------
-    points
-        (N, 3), any unit.
-    name
-        Of the points in messages, in the plural.
-
-    Raises
-    ------
-    InvalidInput
-        With the number of such points.
+    `name` is for messages, in the plural.
     """
     if not points.size:
         return
@@ -38,10 +25,8 @@ def check_coordinates(points: Floats, name: str) -> None:
         raise InvalidInput(f"all {name} are less than {SMALLEST:g} from the origin; scale the mesh")
     if not largest <= FARTHEST:
         count = np.count_nonzero(~(np.abs(points) <= FARTHEST).all(axis=1))
-        raise InvalidInput(
-            f"{count} of {len(points)} {name} are NaN, infinite or more than {FARTHEST:g} from the origin; repair the mesh or leave them "
-            "out"
-        )
+        fault = f"NaN, infinite or more than {FARTHEST:g} from the origin"
+        raise InvalidInput(f"{count} of {len(points)} {name} are {fault}; repair the mesh or leave them out")
 
 
 def directed_edges(faces: Integers) -> Integers:
@@ -66,46 +51,18 @@ def is_watertight(faces: Integers) -> bool:
 
 @dataclass(frozen=True)
 class Look:
-    """The look of a mesh: one material per face, each with a base colour and perhaps a texture.
+    """The look of a mesh: one material per face, each with a base colour and perhaps a texture. Colours are sRGB and opacity."""
 
-    Attributes
-    ----------
-    uv
-        (V, 2) float32, texture coordinates of every vertex, v upwards; zeros where no material has a texture.
-    face_material
-        (F,) int32, the row of `base_color` that paints each face.
-    base_color
-        (M, 4) uint8, sRGB and opacity of every material; it multiplies the texture where there is one.
-    material_texture
-        (M,) int32, the index in `textures` of each material's texture, -1 for none.
-    textures
-        Images, each (height, width, 4) uint8, sRGB and opacity, first row at the top.
-    vertex_color
-        (V, 4) uint8, sRGB and opacity of every vertex, linear in between, which multiplies the base colour; None for white.
-    """
-
-    uv: Array32
-    face_material: NDArray[np.int32]
-    base_color: NDArray[np.uint8]
-    material_texture: NDArray[np.int32]
-    textures: tuple[NDArray[np.uint8], ...] = ()
-    vertex_color: NDArray[np.uint8] | None = None
+    uv: Array32  # (V, 2) texture coordinates of every vertex, v upwards; zeros where no material has a texture
+    face_material: NDArray[np.int32]  # (F,) row of `base_color` that paints each face
+    base_color: NDArray[np.uint8]  # (M, 4) of every material; it multiplies the texture where there is one
+    material_texture: NDArray[np.int32]  # (M,) index in `textures` of each material's texture, -1 for none
+    textures: tuple[NDArray[np.uint8], ...] = ()  # (height, width, 4) each, first row at the top
+    vertex_color: NDArray[np.uint8] | None = None  # (V, 4) linear in between, multiplies the base colour; None for white
 
     @staticmethod
-    def plain(vertices: int, faces: int, color: tuple[int, int, int] = (178, 178, 178)) -> Look:
-        """Make the look of a mesh in one opaque colour.
-
-        Parameters
-        ----------
-        vertices, faces
-            Their numbers.
-        color
-            sRGB, 0 to 255.
-
-        Returns
-        -------
-        A look without textures.
-        """
+    def plain(vertices: int, faces: int, color: tuple[int, int, int] = (178, 178, 178)) -> "Look":
+        """Make the look of a mesh of some numbers of vertices and faces in one opaque colour, sRGB."""
         return Look(
             uv=np.zeros((vertices, 2), np.float32),
             face_material=np.zeros(faces, np.int32),
@@ -116,24 +73,18 @@ class Look:
 
 @dataclass(frozen=True)
 class Mesh:
-    """A triangle mesh: `vertices` (V, 3) float64 in metres, `faces` (F, 3) int32, and its `look`.
+    """A triangle mesh."""
 
-    `unread` lists what its file holds or names and the mesh lacks, each with the reason, such as "red.png is missing …".
-    """
-
-    vertices: Array
-    faces: NDArray[np.int32]
+    vertices: Array  # (V, 3) m
+    faces: NDArray[np.int32]  # (F, 3)
     look: Look
-    unread: tuple[str, ...] = ()
+    unread: tuple[str, ...] = ()  # what its file holds and the mesh lacks, with the reason: "red.png is missing …"
 
     @staticmethod
-    def bare(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
+    def bare(vertices: np.ndarray, faces: np.ndarray) -> "Mesh":
         """Make a mesh of vertices (V, 3), m, and faces (F, 3) in plain grey."""
-        return Mesh(
-            np.ascontiguousarray(vertices, np.float64),
-            np.ascontiguousarray(faces, np.int32),
-            Look.plain(len(vertices), len(faces)),
-        )
+        look = Look.plain(len(vertices), len(faces))
+        return Mesh(np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int32), look)
 
     @property
     def triangles(self) -> Array:
@@ -142,33 +93,15 @@ class Mesh:
 
 
 def face_cross_products(triangles: Array) -> Array:
-    """Compute the cross product of two edges of every face.
+    """Compute the cross products (F, 3) of two edges of faces (F, 3, 3): along the winding normal, twice the face's area long.
 
-    Parameters
-    ----------
-    triangles
-        (F, 3, 3) corner positions, m.
-
-    Returns
-    -------
-    (F, 3) float64, m²: along the winding normal, with twice the face's area as length. The error is at most 4 units in the last place
-    of the product of the two edges' lengths.
+    The error is at most 4 units in the last place of the product of the two edges' lengths.
     """
     return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
 
 
 def flatness(triangles: Array) -> Array:
-    """Compute the height of every face over its longest edge.
-
-    Parameters
-    ----------
-    triangles
-        (F, 3, 3) float64 corner positions, any unit.
-
-    Returns
-    -------
-    (F,) float64 ratio: 0.87 for equal sides, 0 for no area, at any scale.
-    """
+    """Compute the height of every face (F, 3, 3) over its longest edge, (F,): 0.87 for equal sides, 0 for no area, at any scale."""
     edges = triangles - np.roll(triangles, 1, axis=1)
     longest = np.linalg.norm(edges, axis=2).max(axis=1)
     edges = edges / np.where(longest > 0, longest, 1)[:, None, None]
@@ -176,17 +109,7 @@ def flatness(triangles: Array) -> Array:
 
 
 def without_slivers(vertices: Array, faces: Integers) -> Integers:
-    """Replace faces flatter than `SLIVER_FLATNESS` by their longest edges, for libigl's distances.
-
-    Parameters
-    ----------
-    vertices, faces
-        (V, 3), any unit; (F, 3).
-
-    Returns
-    -------
-    (F, 3) faces; those of slivers name a vertex twice.
-    """
+    """Replace faces (F, 3) flatter than `SLIVER_FLATNESS` by their longest edges, named by one vertex twice, for libigl's distances."""
     sliver = np.flatnonzero(flatness(vertices[faces]) < SLIVER_FLATNESS)
     corners = vertices[faces[sliver]]
     opposite = np.linalg.norm(np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1), axis=2)  # each corner's opposite edge
@@ -196,35 +119,12 @@ def without_slivers(vertices: Array, faces: Integers) -> Integers:
     return edges
 
 
-def sample_triangles(triangles: Array, count: int, rng: np.random.Generator) -> tuple[Array, Indices]:
-    """Draw points area-uniformly from triangles.
+def sample_triangles(triangles: Array, count: int, rng: np.random.Generator) -> tuple[Array, Indices]:  # (count, 3), (count,)
+    """Draw points area-uniformly from triangles (F, 3, 3), and tell the triangle of each: never one without area.
 
-    Parameters
-    ----------
-    triangles
-        (F, 3, 3) float64 corner positions.
-    count
-        Number of points.
-    rng
-        Source of randomness.
-
-    Returns
-    -------
-    points
-        (count, 3) float64, unit and frame of the triangles; on its triangle to within 8 units in the last place of the largest
-        coordinate.
-    face
-        (count,) the triangle of each point; a triangle without area is never drawn.
-
-    Raises
-    ------
-    InvalidInput
-        A corner is NaN or too far away (`check_coordinates`), or no triangle has an area.
-
-    Notes
-    -----
-    A face is drawn with its share of the area, then a point in it by folding the unit square over its diagonal (Osada et al., Shape
-    Distributions, 2002, with the fold in place of their square root).
+    A point is on its triangle to within 8 units in the last place of the largest coordinate. A face is drawn with its share of the area,
+    then a point in it by folding the unit square over its diagonal (Osada et al., Shape Distributions, 2002, with the fold in place of
+    their square root).
     """
     check_coordinates(triangles.reshape(-1, 3), "corners of faces")
     cumulative = np.cumsum(np.linalg.norm(face_cross_products(triangles), axis=1))

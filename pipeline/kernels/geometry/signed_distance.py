@@ -10,38 +10,27 @@ from pipeline.kernels.arrays import Array, Integers, Mask
 from pipeline.kernels.geometry.mesh import check_coordinates, directed_edges, face_cross_products, without_slivers
 from pipeline.kernels.geometry.mesh_cleaning import number_positions
 
-INSIDE_WINDING = 0.5
-"""Size of the winding number above which a point is inside: a closed mesh has 1 there, or -1, one with small holes nearly as much."""
-BALANCED = 1e-9
-"""Share of the parts' volume below which their sum is rounding: as much is wound one way as the other, and the largest part decides."""
+INSIDE_WINDING = 0.5  # size of the winding number above which a point is inside: 1 or -1 in a closed mesh
+BALANCED = 1e-9  # share of the parts' volume below which their sum is rounding, and the largest part decides
 
 
-def signed_distances(
-    points: Array,  # (N, 3) finite, m
-    vertices: Array,  # (V, 3) finite, m
-    faces: Integers,  # (F, 3), F at least 1, wound as for `is_inside`
-) -> Array:  # (N,) m
-    """Compute signed distances to a mesh: positive outside, negative inside.
+def signed_distances(points: Array, vertices: Array, faces: Integers) -> Array:  # (N,) m
+    """Compute signed distances of points (N, 3) to a mesh: positive outside, negative inside, as `is_inside` has it.
 
-    They err by at most 1e-13 of the largest coordinate, beside slivers by 4e-6 of their length. Inside, where parts of
-    the mesh overlap, a distance is that to the nearest face of any part: no more than that to the surface of the whole.
-    The generalised winding number (Jacobson et al., 2013; Barill et al., 2018) decides on the side, so a mesh need not
-    be closed. Both sides of an open sheet are outside.
+    They err by at most 1e-13 of the largest coordinate, beside slivers by 4e-6 of their length. Inside, where parts of the mesh overlap, a
+    distance is that to the nearest face of any part: no more than that to the surface of the whole. A mesh need not be closed: both sides
+    of an open sheet are outside.
     """
     inside = is_inside(points, vertices, faces)
     distances = np.sqrt(_squared_distances(points, vertices, faces))
     return np.asarray(np.where(inside, -distances, distances))
 
 
-def is_inside(
-    points: Array,  # (N, 3) finite, m
-    vertices: Array,  # (V, 3) finite, m
-    faces: Integers,  # (F, 3), F at least 1
-) -> Mask:  # (N,)
-    """Find the points inside a surface, by the size of the generalised winding number.
+def is_inside(points: Array, vertices: Array, faces: Integers) -> Mask:  # (N,)
+    """Find the points (N, 3) inside a surface by the generalised winding number (Jacobson et al., 2013; Barill et al., 2018).
 
-    Neighbouring faces may be wound against each other: the smaller area of a part is turned over. Parts that are turned
-    inside out count as inside too, unless they lie within another: then they are its cavities.
+    Neighbouring faces may be wound against each other: the smaller area of a part is turned over. Parts that are turned inside out count
+    as inside too, unless they lie within another: then they are its cavities.
     """
     if not len(faces):
         raise InvalidInput("a mesh without faces has neither surface nor inside")
@@ -91,15 +80,10 @@ def _are_closed(faces: NDArray[np.int64], part: NDArray[np.int64]) -> Mask:
     return np.asarray(np.bincount(np.repeat(part, 3), faces_of_edge[edges.reshape(-1)] % 2) == 0)
 
 
-def rms_distance_to_surface(
-    points: Array,  # (n, 3) finite; n at least 1
-    vertices: Array,  # (V, 3) finite, in the points' unit
-    faces: Integers,  # (F, 3); F at least 1; they may be slivers, segments or points
-) -> float:
-    """Compute the root of the mean squared distance from points to a surface.
+def rms_distance_to_surface(points: Array, vertices: Array, faces: Integers) -> float:
+    """Compute the root of the mean squared distance from points (N, 3) to the nearest of faces, which may be slivers or points.
 
-    The distance is that to the nearest point of a triangle, within 1e-13 of the largest coordinate; beside slivers
-    within 4e-6 of their length.
+    A distance errs by 1e-13 of the largest coordinate, beside slivers by 4e-6 of their length.
     """
     if not len(points) or not len(faces):
         raise InvalidInput(f"{len(points)} points and {len(faces)} faces: a distance needs at least one of each")
@@ -124,11 +108,10 @@ def sample_around_surface(
     spread: tuple[float, float],  # least and largest standard deviation, m
     reach: float,  # half the side of the cube around the middle of the surface's bounding box, m
 ) -> Array:  # (count, 3) m
-    """Draw points in space: a share near a surface, the others throughout the cube around it.
+    """Draw points in space, in random order: a share near a surface, the others throughout the cube around it.
 
-    Points near the surface are points of it, moved along each axis by normal deviates of one standard deviation; each
-    point's is between those of `spread`, uniform in its logarithm. The order is random: any first part is a fair
-    sample.
+    Points near the surface are points of it, moved along each axis by normal deviates of one standard deviation; each point's is between
+    those of `spread`, uniform in its logarithm.
     """
     near_count = round(near * count)
     low, high = np.log(spread).tolist()

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull, QhullError
 
 from pipeline.errors import InvalidInput
@@ -24,8 +24,8 @@ MAX_LATTICE = 2_000_000  # points of the lattice in a shape: at 3 mm a cube of 0
 class CollisionSpheres:
     """Spheres inside the rigid links that together reach their surfaces, grouped by link.
 
-    The distance of a link from an object is the least, over its spheres, of the object's distance from the centre less the radius.
-    That finds parts of the object inside a link as well as points of the link inside the object.
+    The distance of a link from an object is the least, over its spheres, of the object's distance from the centre less the radius. That
+    finds parts of the object inside a link as well as points of the link inside the object.
     """
 
     centres: Array  # (B, 3) in the frame of the link, m
@@ -42,10 +42,10 @@ class CollisionSpheres:
         """The spheres in float32, as compiled loops take them."""
         return Spheres(self.centres.astype(np.float32), self.radii.astype(np.float32), self.link)
 
-    def world_centres(self, frames: NDArray[Any]) -> NDArray[Any]:
-        """Compute the centres (3, N, B), m, for link frames (N, L, 4, 4); precision and frame of reference are the link frames'."""
-        points = np.empty((3, len(frames), len(self.link)), frames.dtype)
-        _transform_centres(np.ascontiguousarray(frames), self.centres.astype(frames.dtype), self.link, points)
+    def world_centres(self, frames: Array) -> Array:
+        """Compute the centres (3, N, B), m, for link frames (N, L, 4, 4), in the frame of reference of those."""
+        points = np.empty((3, len(frames), len(self.link)))
+        _transform_centres(np.ascontiguousarray(frames), self.centres, self.link, points)
         return points
 
 
@@ -62,12 +62,9 @@ def collision_spheres(
     hand: Hand,
     *,
     spacing: float,  # m, of the lattice of centres and of the points on the surface
-    tolerance: float = 0.0,  # m
+    tolerance: float = 0.0,  # m, to within which a larger sphere must reach as far as one that is dropped
 ) -> CollisionSpheres:
-    """Fill every collision shape (the convex hull of a mesh, as physics takes it) with spheres on a lattice.
-
-    A sphere is left out if a larger one reaches as far to within `tolerance`.
-    """
+    """Fill every collision shape (the convex hull of a mesh, as physics takes it) with spheres on a lattice."""
     filled_shapes = [(np.empty((0, 3)), np.empty(0), np.empty(0, np.intp))]
     for number, link in enumerate(hand.links):
         for shape in link.collisions:
@@ -75,16 +72,13 @@ def collision_spheres(
                 hull = ConvexHull(shape.mesh.vertices)
             except (QhullError, ValueError) as error:
                 shape_name = shape.path or f"{shape.kind} of size {shape.size}"
-                raise InvalidInput(
-                    f"{hand.urdf}: collision shape {shape_name} of link {link.name} is flat or not finite; give it a thickness, or "
-                    "put a box in its place"
-                ) from error
+                fault = f"collision shape {shape_name} of link {link.name} is flat or not finite"
+                raise InvalidInput(f"{hand.urdf}: {fault}; give it a thickness, or put a box in its place") from error
             extent = np.ptp(hull.points, axis=0)
             if (extent / spacing + 1).prod() > MAX_LATTICE:
                 sides = " x ".join(f"{side:.3g}" for side in extent)
-                raise InvalidInput(
-                    f"{hand.urdf}: a collision shape of link {link.name} is {sides} m large; is the scale of its mesh right?"
-                )
+                fault = f"a collision shape of link {link.name} is {sides} m large"
+                raise InvalidInput(f"{hand.urdf}: {fault}; is the scale of its mesh right?")
             points, depth = _fill(hull, spacing)
             kept = _prune(points, depth, tolerance) if tolerance > 0 else np.arange(len(points))
             filled_shapes.append((points[kept], depth[kept], np.full(len(kept), number, np.intp)))
@@ -107,7 +101,7 @@ def collision_boxes(hand: Hand) -> CollisionBoxes:
 
 
 @compiled
-def _transform_centres(frames: NDArray[Any], centres: NDArray[Any], link: Indices, points: NDArray[Any]) -> None:
+def _transform_centres(frames: Array, centres: Array, link: Indices, points: Array) -> None:
     """Fill `points` (3, N, B) with centres (B, 3) carried by the frames (N, L, 4, 4) of their links (B,)."""
     for axis in range(3):
         for n in range(len(frames)):

@@ -7,12 +7,14 @@ from scipy.optimize import linprog
 
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.transforms import length, solve_3x3
+from pipeline.kernels.hand.load_residual import contact_wrenches
 from pipeline.kernels.touch.depth_maps import gel_surface, pressed_pixels
 from pipeline.kernels.touch.ray_depth import BoxedFaces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, masked_points
 
-CONE_EDGES = 8  # edges of the pyramid that approximates a friction cone
-MARGIN_DECIMALS = 3  # decimals of a margin: further ones are the linear program's rounding
+TURNS = 2 * np.pi * np.arange(8) / 8
+OCTAGON = np.stack([np.cos(TURNS), np.sin(TURNS)], axis=1)  # edges of a friction pyramid
+MARGIN_DECIMALS = 3  # of a margin: further ones are the linear program's rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,12 +28,8 @@ class Contact:
     nearest: float = 0.0  # m, least distance of the surface from the sensor plane
 
 
-def contact_from_depth(
-    depth: np.ndarray,  # (rows, cols) D, m; +inf where nothing is met
-    pose: Array,  # (4, 4) sensor frame to world, m
-    sensor: Sensor,
-) -> Contact | None:
-    """Find the contact of a sensor with an object; None where nothing presses into the gel.
+def contact_from_depth(depth: np.ndarray, pose: Array, sensor: Sensor) -> Contact | None:
+    """Find the contact with an object of a sensor at a pose (4, 4), of depth D (rows, cols), m; None where nothing presses in.
 
     The normal is that of the plane through the points in the gel (least squares); of fewer than three points, the sensor's.
     """
@@ -66,7 +64,7 @@ def measure_contact(faces: BoxedFaces, pose: Array, sensor: Sensor) -> Contact |
 
 
 def opposition_angle(contacts: list[Contact]) -> float:
-    """Compute the greatest angle between the normals of two contacts, degrees: 180 where two oppose each other, 0 for fewer than two."""
+    """Compute the greatest angle between the normals of two contacts, degrees: 180 where two oppose each other, 0 for less than two."""
     normals = np.array([contact.normal for contact in contacts]).reshape(-1, 3)
     cosines = np.clip(np.einsum("ai,bi->ab", normals, normals), -1, 1)
     return float(np.rad2deg(np.arccos(cosines.min()))) if len(contacts) > 1 else 0.0
@@ -80,16 +78,18 @@ def closure_margin(
 ) -> float:  # 0 to 1
     """Compute the margin of force closure: how evenly contacts can press while their forces and moments cancel.
 
-    Contacts are soft fingers with Coulomb friction: each resists a force within its friction cone and a moment about
-    its normal. The margin is the share of an even distribution that every edge of every friction cone carries at least.
-    It is 0 where they cannot cancel, or cannot resist every force and moment: no force closure. Of m edges with
-    wrenches w, of normal force 1 each, it is the greatest t with Σ λ w = 0, Σ λ = 1, λ ≥ t / m. Positive t and wrenches
-    that span all six dimensions are force closure (Murray, Li, Sastry, 1994, 5.2). The moment about a normal is 2/3 μ
-    times the radius of a disc of the contact's area, as of a constant pressure.
+    Contacts are soft fingers with Coulomb friction. The margin is the share of an even distribution that every edge of every friction cone
+    carries at least, 0 without force closure. Of m edges with wrenches w, of normal force 1 each, it is the greatest t with Σ λ w = 0,
+    Σ λ = 1, λ ≥ t / m. Positive t and wrenches that span all six dimensions are force closure (Murray, Li, Sastry, 1994, 5.2). The moment
+    about a normal is 2/3 μ times the radius of a disc of the contact's area, as of a constant pressure.
     """
     if len(contacts) < 2 or friction <= 0:
         return 0.0
-    wrenches = np.concatenate([_contact_wrenches(contact, contacts[0].point, friction, size) for contact in contacts])  # (m, 6)
+    by_contact = np.empty((len(contacts), len(OCTAGON) + 2, 6))
+    for contact, rows in zip(contacts, by_contact, strict=True):
+        arm, radius = contact.point - contacts[0].point, np.sqrt(contact.area / np.pi)
+        contact_wrenches(arm, contact.normal, OCTAGON, friction, radius, size, rows)
+    wrenches = by_contact.reshape(-1, 6)  # (m, 6)
     spread = np.linalg.svd(wrenches, compute_uv=False)
     if spread[-1] < 1e-6 * spread[0]:
         return 0.0
@@ -100,17 +100,3 @@ def closure_margin(
     goal[-1] = -1
     solution = linprog(goal, A_eq=np.concatenate([balance, total]), b_eq=np.array([0.0] * 6 + [1.0]), bounds=(0, None), method="highs")
     return round(float(np.clip(solution.x[-1], 0, 1)), MARGIN_DECIMALS) if solution.success else 0.0
-
-
-def _contact_wrenches(contact: Contact, origin: Array, friction: float, size: float) -> Array:
-    """Compute wrenches (CONE_EDGES + 2, 6) with normal force 1: the cone's edges, and the moments about the normal."""
-    across = np.cross(np.eye(3)[np.argmin(np.abs(contact.normal))], contact.normal)
-    across /= length(across)
-    along = np.cross(contact.normal, across)
-    angles = 2 * np.pi * np.arange(CONE_EDGES) / CONE_EDGES
-    sideways = friction * (np.cos(angles)[:, None] * across + np.sin(angles)[:, None] * along)
-    twist = 2 / 3 * friction * np.sqrt(contact.area / np.pi) / size
-    forces = np.concatenate([contact.normal + sideways, contact.normal[None], contact.normal[None]])
-    moments = np.cross((contact.point - origin) / size, forces)
-    moments[-2:] += twist * np.array([[1.0], [-1.0]]) * contact.normal
-    return np.concatenate([forces, moments], axis=1)

@@ -12,8 +12,7 @@ from pipeline.kernels.compiled import compiled
 
 MILLIMETRE = np.float32(1e-3)
 LACK_WEIGHT = np.float32(2)  # value that a posture loses per millimetre of missing clearance
-FLOOR_SLACK = np.float32(1e-6)
-"""m below the least gap with which a posture could win, at which its measurement stops: well above the rounding of values."""
+FLOOR_SLACK = np.float32(1e-6)  # m below the least gap with which a posture could win, where measuring stops: above rounding
 
 
 class Grid(NamedTuple):
@@ -63,12 +62,8 @@ def look_up(grid: Grid, points: Array32) -> Array32:
 
 
 @compiled
-def least_distances(
-    grid: Grid,
-    pose: Array32,  # (4, 4) of the points' frame
-    points: Array32,  # (3, N, P) m
-) -> tuple[Array32, Array32]:  # (N,) m, (N,)
-    """Compute the least distance of each group of points, and the share of its points inside."""
+def least_distances(grid: Grid, pose: Array32, points: Array32) -> tuple[Array32, Array32]:  # (N,) m, (N,)
+    """Compute the least distance of each group of points (3, N, P), in a frame (4, 4), and the share of its points inside."""
     count, size = points.shape[1:]
     distances, share = np.full(count, np.float32(np.inf)), np.empty(count, np.float32)
     for n in range(count):
@@ -122,8 +117,7 @@ def measure_best(
 ) -> tuple[Array32, Mask]:  # (N,), (N,)
     """Measure the clearance of postures where it can decide which have most value, and which are clear.
 
-    Values are exact for the best of each group, and smaller or -inf for the others. Postures that were not measured do
-    not count as clear.
+    Values are exact for the best of each group, smaller or -inf for the others; what is not measured does not count as clear.
     """
     value, is_clear = np.full(len(frames), np.float32(-np.inf)), np.zeros(len(frames), np.bool_)
     top = np.empty(best + 1, np.float32)  # the best values so far, falling; the last is spare

@@ -110,20 +110,13 @@ def sensor_poses(hand: Hand, hand_pose: Array, joint_angles: Array) -> Array:
     return sensor_poses_from_links(hand, forward_kinematics(hand, hand_pose, joint_angles))
 
 
-def sensor_poses_from_links(
-    hand: Hand,
-    link_frames: Array,  # (..., L, 4, 4) world, m
-) -> Array:  # (..., S, 4, 4) sensor frame to world, m
-    """Compute the sensor frames of a hand from its link frames, in the order of `hand.sensors`."""
+def sensor_poses_from_links(hand: Hand, link_frames: Array) -> Array:
+    """Compute the sensor frames (..., S, 4, 4) of a hand from its link frames (..., L, 4, 4), world, m."""
     return np.stack([compose(link_frames[..., mount.link, :, :], mount.pose) for mount in hand.sensors], axis=-3)
 
 
-def joint_motion(
-    kind: str,  # "prismatic", or a kind that turns
-    axis: Array,  # (3,) unit vector
-    value: float,  # rad, of a prismatic joint m
-) -> Array:  # (4, 4)
-    """Compute the displacement of a joint."""
+def joint_motion(kind: str, axis: Array, value: float) -> Array:
+    """Compute the displacement (4, 4) of a joint by a value, rad (m if prismatic), about or along a unit axis (3,)."""
     motion = np.empty((4, 4))
     _set_motion(motion, kind == "prismatic", np.asarray(axis, np.float64), float(value), *map(float, sin_cos(value)))
     return motion

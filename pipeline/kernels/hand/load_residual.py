@@ -7,25 +7,25 @@ import numpy as np
 from pipeline.kernels.arrays import Array, Indices, Mask
 from pipeline.kernels.compiled import compiled
 
-EDGES = 6  # edges of the pyramid that approximates a friction cone
+HIGH = float(np.sqrt(0.75))
+HEXAGON = np.array([[1, 0], [0.5, HIGH], [-0.5, HIGH], [-1, 0], [-0.5, -HIGH], [0.5, -HIGH]])  # edges of a friction pyramid
 MAX_FORCE = 10.0  # largest force of an edge, in weights of the object: 20 N for an object of 0.2 kg
 LEVER = 0.05  # m, by which moments are divided so that they count like forces: half the size of a held object
 CONTACT_RADIUS = 0.004  # m, radius of a gel's contact, which resists turning about its normal
 STEPS = 200  # most steps of a solution: in 1.8 million of random and degenerate grasps the most were 112, the mean 4.5
-PERPENDICULAR = 1e-7
-"""Cosine between a wrench and the remaining load below which they count as perpendicular: its force cannot reduce the load."""
+PERPENDICULAR = 1e-7  # cosine between wrench and remaining load below which the wrench's force cannot reduce the load
 SMALL = 1e-4  # share of the weight below which a residual counts as 0
 RESIDUAL_STEP = 0.02  # share of the weight within which residuals count as equal, and the number of touches decides
 
 
-class Load(NamedTuple):
-    """The load of a grasp."""
+class Support(NamedTuple):
+    """How well a grasp supports an object."""
 
     steps: int  # its residual in whole `RESIDUAL_STEP`s
     touches: int  # its number of contacts
 
 
-NO_LOAD = Load(1000, -1)  # worse than any grasp's
+NO_SUPPORT = Support(1000, -1)  # worse than any grasp's
 
 
 @compiled
@@ -37,9 +37,8 @@ def load_residual(
 ) -> float:  # 0: held in all directions; 1: not held at all
     """Compute the part of an object's weight that a grasp cannot carry, along ± x, ± y and ± z.
 
-    It is the root mean square, over six directions, of the force and moment (divided by `LEVER`) that remain, as a
-    share of the weight. Least squares over forces within the friction cones: the pyramids' edges and the moments of a
-    soft finger, each from 0 to `MAX_FORCE`.
+    It is the root mean square, over six directions, of the force and moment (divided by `LEVER`) that remain, as a share of the weight.
+    Least squares over forces within the friction cones: the pyramids' edges and the moments of a soft finger, each 0 to `MAX_FORCE`.
     """
     columns = _columns(points, normals, touching, friction)
     squared = 0.0
@@ -52,16 +51,16 @@ def load_residual(
 
 
 @compiled
-def lightest_grasp(
+def best_supporting_grasp(
     points: Array,  # (N, C, 3) of N grasps, each as for `load_residual`
     normals: Array,  # (N, C, 3)
     touching: Mask,  # (N, C)
     friction: float,
-    best: Load,  # the load to surpass; any grasp surpasses `NO_LOAD`
-) -> tuple[int, Load]:
-    """Find the grasp that carries an object best: the least steps of its residual, then the most touches, then the first.
+    best: Support,  # the support to surpass; any grasp surpasses `NO_SUPPORT`
+) -> tuple[int, Support]:
+    """Find the grasp that supports an object best, and its support: least steps of the residual, most touches, then the first.
 
-    Return its number and its load; -1 and `best` where none surpasses it.
+    It is -1 and `best` where none surpasses it.
     """
     number, steps, best_touches = -1, best.steps, best.touches
     for n in range(len(points)):
@@ -71,24 +70,33 @@ def lightest_grasp(
             own_steps = int(load_residual(points[n], normals[n], touching[n], friction) // RESIDUAL_STEP)
             if own_steps <= limit:
                 number, steps, best_touches = n, own_steps, touches
-    return number, Load(steps, best_touches)
+    return number, Support(steps, best_touches)
 
 
 @compiled
 def _columns(points: Array, normals: Array, touching: Mask, friction: float) -> Array:
     """Compute the wrenches (M, 6) of all existing contacts."""
-    columns = np.empty((len(points) * (EDGES + 2), 6))
+    columns = np.empty((len(points) * (len(HEXAGON) + 2), 6))
     count = 0
     for c in range(len(points)):
         if touching[c]:
-            _cone(points[c], normals[c], friction, columns[count : count + EDGES + 2])
-            count += EDGES + 2
+            wrenches = columns[count : count + len(HEXAGON) + 2]
+            contact_wrenches(points[c], normals[c], HEXAGON, friction, CONTACT_RADIUS, LEVER, wrenches)
+            count += len(HEXAGON) + 2
     return columns[:count]
 
 
 @compiled
-def _cone(point: Array, normal: Array, friction: float, columns: Array) -> None:
-    """Fill the wrenches (EDGES + 2, 6) of a contact with normal force 1: forces on its cone, and moments about its normal."""
+def contact_wrenches(
+    point: Array,  # (3,) of the contact, from the origin of moments, m
+    normal: Array,  # (3,) unit, into the object
+    directions: Array,  # (E, 2) unit vectors to the edges of the pyramid that approximates the friction cone
+    friction: float,
+    radius: float,  # of the contact, which resists turning about its normal, m
+    lever: float,  # by which moments are divided so that they count like forces, m
+    wrenches: Array,  # (E + 2, 6) filled: force and moment
+) -> None:
+    """Fill the wrenches of a soft finger with normal force 1: forces on its cone, and moments about its normal."""
     thin = 0
     for k in range(1, 3):
         if abs(normal[k]) < abs(normal[thin]):
@@ -98,18 +106,16 @@ def _cone(point: Array, normal: Array, friction: float, columns: Array) -> None:
     along = _cross(normal, across)
     along /= np.sqrt(along[0] ** 2 + along[1] ** 2 + along[2] ** 2)
     across = _cross(along, normal)
-    twist = 2 / 3 * friction * CONTACT_RADIUS / LEVER
-    half, high = 0.5, np.sqrt(0.75)  # corners of a hexagon
-    for edge in range(EDGES + 2):
+    twist = 2 / 3 * friction * radius / lever
+    edges = len(directions)
+    for edge in range(edges + 2):
         force = normal.copy()
-        if edge < EDGES:
-            cosine = (1.0, half, -half, -1.0, -half, half)[edge]
-            sine = (0.0, high, high, 0.0, -high, -high)[edge]
-            force += friction * (cosine * along + sine * across)
-        columns[edge, :3] = force
-        columns[edge, 3:] = _cross(point, force) / LEVER
-    columns[EDGES, 3:] += twist * normal
-    columns[EDGES + 1, 3:] -= twist * normal
+        if edge < edges:
+            force += friction * (directions[edge, 0] * along + directions[edge, 1] * across)
+        wrenches[edge, :3] = force
+        wrenches[edge, 3:] = _cross(point, force) / lever
+    wrenches[edges, 3:] += twist * normal
+    wrenches[edges + 1, 3:] -= twist * normal
 
 
 @compiled
@@ -160,10 +166,7 @@ def _least_squared(columns: Array, load: Array) -> float:
 
 @compiled
 def _steepest(columns: Array, lengths: Array, force: Array, is_free: Mask, remainder: Array) -> int:
-    """Find the force at a bound whose change reduces the remainder (6,) most steeply.
-
-    It is -1 where none reduces it, or it counts as 0.
-    """
+    """Find the force at a bound whose change reduces the remainder (6,) most steeply; -1 where none does, or it counts as 0."""
     length = np.sqrt(_dot(remainder, remainder))
     steepest, number = PERPENDICULAR * length, -1
     for m in range(len(columns)):

@@ -87,11 +87,7 @@ class Follower:
 
 @dataclass(frozen=True, eq=False)
 class Mount:
-    """A sensor on a link.
-
-    The sensor frame has its origin at the centre of the sensor plane, +z outward, +x along image columns, +y along
-    image rows.
-    """
+    """A sensor on a link. Its frame is at the centre of the sensor plane, +z outward, +x along image columns, +y along image rows."""
 
     name: str  # as the hand file calls it: by default, as the finger that it is on
     link: int  # number of the link that carries it
@@ -113,9 +109,8 @@ class Finger:
 class Hand:
     """A hand of L links, J joints that move, F fingers and S sensors.
 
-    Links and joints are the URDF's tree: the root link first, parents before children, fixed joints included. The joint
-    vector goes finger by finger. Fingers and sensors are in the hand file's order: sensors finger by finger, those on
-    the palm last. Links may overlap that the hand file allows to, and neighbours that overlap at rest.
+    Links and joints are the URDF's tree: the root link first, parents before children, fixed joints included. The joint vector goes finger
+    by finger. Fingers and sensors are in the hand file's order: sensors finger by finger, those on the palm last.
     """
 
     name: str  # of the hand file

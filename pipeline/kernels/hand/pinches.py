@@ -1,4 +1,4 @@
-"""Pairs of surface points that two fingers could press together: their normals oppose each other within the friction cone."""
+"""Pinches: pairs of surface points that two fingers could press together, and postures in which two gels face each other."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -11,9 +11,9 @@ from pipeline.kernels.arrays import Array, Indices
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.transforms import length, sin_cos, unit_vectors
 from pipeline.kernels.hand.distance_field import DistanceField
-from pipeline.kernels.hand.grasp_ik import GraspIk
+from pipeline.kernels.hand.grasp_ik import GraspIk, limit_margin
 from pipeline.kernels.hand.kinematics import forward_kinematics
-from pipeline.kernels.hand.posture_samples import limit_margin
+from pipeline.kernels.hand.pregrasp import DIFFERENCE_STEP
 from pipeline.kernels.hand.self_collision import fingers_apart
 
 RAYS = 4000  # rays that are traced from surface points through the object
@@ -21,19 +21,15 @@ TILT = 0.25  # standard deviation of a ray's slope against the inward normal: mo
 CONE_SHARE = 0.8  # share of the friction angle by which a normal may be off the line between the points
 SELF_HIT = 2e-4  # m from its origin within which a ray meets only the surface that it starts from
 BEHIND = 0.003  # m behind a point at which the object must have ended: room for the other finger
-WIDTH_STEP = 0.004
-"""m, step of the width: as many postures are kept of each step, and each serves widths up to one step from its own."""
+WIDTH_STEP = 0.004  # m of width, of each of which as many postures are kept; each serves widths up to one step away
 POSTURES_PER_STEP = 16  # postures kept of each pair of gels and width: enough that palms come from many sides
 THINNEST = 0.0005  # m, the thinnest sheet that is pinched; nearer gels cross each other
-FACING, SIN_FACING = float(np.sqrt(0.75)), 0.5
-"""Cosine and sine of the angle, 30°, by which the two normals may be off: two gels with a friction coefficient of 0.5 hold up to it."""
+FACING, SIN_FACING = float(np.sqrt(0.75)), 0.5  # of 30° between normals: two gels with friction 0.5 hold up to it
 SIDE, SIDE_SHARE = 0.004, 0.27  # largest distance of one gel from the other's axis, m, and as a share of the width
 START_STEPS = 128  # steps of width from which postures start: up to half a metre
-ROUGHLY_FACING, ROUGH_SIDE = 0.5, 0.02
-"""The same limits for sampled postures, cosine and m: least squares can correct as much."""
+ROUGHLY_FACING, ROUGH_SIDE = 0.5, 0.02  # the limits for sampled postures, cosine and m: least squares correct as much
 MAX_STEP, TINY = 0.3, 1e-300
-ROUNDS, DAMPING, DIFFERENCE_STEP = 6, 0.03, 1e-5
-"""Steps of damped least squares (Levenberg, 1944) that turn the gels towards each other, and their finite differences, rad."""
+ROUNDS, DAMPING = 6, 0.03  # of the damped least squares (Levenberg, 1944) that turn gels towards each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +50,7 @@ def antipodal_points(
     widest: float,  # m, greatest distance between two points
     rng: np.random.Generator,
 ) -> AntipodalPoints:
-    """Find pairs of points on an object that two fingers could press together (Chen and Burdick, 1993).
+    """Find pairs of points on an object whose normals oppose each other within the friction cone (Chen and Burdick, 1993).
 
     Rays start from random surface points; each place where one leaves the object may give a pair. There may be none.
     """
@@ -74,13 +70,11 @@ def antipodal_points(
     return AntipodalPoints(((origin + end) / 2)[kept], direction[kept], distance[kept])
 
 
-def central_weights(
-    pairs: AntipodalPoints,
-    centre: Array,  # (3,) of mass, world, m
-    *,
-    spread: float,  # m from the centre, beyond the nearest pairs, at which the weight is a quarter
-) -> Array:  # (P,), with sum 1
-    """Weigh pairs by their nearness to the centre of mass: gravity turns an object less if it is held there."""
+def central_weights(pairs: AntipodalPoints, centre: Array, *, spread: float) -> Array:  # (P,), with sum 1
+    """Weigh pairs by their nearness to a centre of mass (3,): gravity turns an object less if it is held there.
+
+    The weight is a quarter at `spread`, m, beyond the distance of the nearest pairs from the centre.
+    """
     away = length(pairs.centre - centre)
     excess = np.maximum(away - np.quantile(away, 0.05), 0)  # the object may be hollow at its centre
     weights = (1 + (excess / spread) ** 2) ** -2
@@ -104,11 +98,10 @@ class OpposedPostures:
 
 
 def opposed_postures(ik: GraspIk) -> OpposedPostures:
-    """Find postures of two fingers, or of a finger and the palm, whose gels face each other, by ascending width.
+    """Find postures of two fingers, or of a finger and the palm, whose gels face each other, by ascending width; once per hand.
 
-    Sampled postures of both fingers are paired where the gels roughly face each other, and turned towards each other by
-    least squares; the best of each width and pair of gels are kept. There are none for a hand whose fingers meet at an
-    angle, as a claw's do.
+    Sampled postures of both fingers are paired where the gels roughly face each other, and turned towards each other by least squares; the
+    best of each width and pair of gels are kept. There are none for a hand whose fingers meet at an angle, as a claw's do.
     """
     by_pair = [_postures_of_pair(ik, pair) for pair in combinations(range(len(ik.hand.sensors)), 2)]
     if not by_pair:
@@ -126,7 +119,7 @@ def _postures_of_pair(ik: GraspIk, pair: tuple[int, int]) -> OpposedPostures:
     for finger, samples in zip(fingers, rows.T, strict=True):
         if finger >= 0:
             joints = list(hand.fingers[finger].joints)
-            angles[:, joints] = ik.joint_angles[samples][:, joints]
+            angles[:, joints] = ik.postures.joint_angles[samples][:, joints]
     moving = [joint for finger in dict.fromkeys(fingers) if finger >= 0 for joint in hand.fingers[finger].joints]
     margin = limit_margin(hand)
     width = np.maximum(_grips(ik, angles, pair).width, THINNEST)
@@ -167,9 +160,9 @@ def _offsets(ik: GraspIk, angles: Array, pair: tuple[int, int], width: Array) ->
 
 def _facing_samples(ik: GraspIk, pair: tuple[int, int], fingers: list[int]) -> Indices:
     """Pair sampled postures (N, 2) of two fingers whose gels roughly face each other; with two motors, only a few of every width."""
-    points, normals = _gels(ik, ik.frames, pair)
-    samples = np.arange(len(ik.joint_angles))
-    first, second = (samples[ik.free[:, finger]] if finger >= 0 else samples[:1] for finger in fingers)
+    points, normals = _gels(ik, ik.postures.frames, pair)
+    samples = np.arange(len(ik.postures.joint_angles))
+    first, second = (samples[ik.postures.free[:, finger]] if finger >= 0 else samples[:1] for finger in fingers)
     if fingers[0] == fingers[1]:  # one motor moves both
         together = np.stack([first, first], axis=1)
         return together if fingers[0] >= 0 else together[:0]

@@ -10,14 +10,11 @@ from pipeline.kernels.geometry.transforms import compose, invert_pose, length, s
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Hand
 
-DIFFERENCE_STEP = 1e-5  # rad, step of the finite differences
-DAMPING = 1e-3
-"""m, of the damped least squares (Wampler 1986): below it the finger counts as unable to move in a direction."""
-LIMIT_DAMPING = 1e-2
-"""m, the same where joints meet their limits: what the others can do alone is mostly sideways, and takes angles that are not small."""
+DIFFERENCE_STEP = 1e-5  # rad, of finite differences
+DAMPING = 1e-3  # m, of the damped least squares (Wampler 1986): below it the finger cannot move in a direction
+LIMIT_DAMPING = 1e-2  # m, where joints meet their limits: what the others can do alone is mostly sideways
 MAX_PIVOTS = 10_000  # exchanges of joints at their limits; fingers of seven joints took 169 at most
-ROUNDED = 1e-6
-"""rad, by which a step may pass a joint's limit: without it, rounding would decide whether a joint at its limit meets it."""
+ROUNDED = 1e-6  # rad that a step may pass a limit: else rounding would decide whether a joint at its limit meets it
 
 
 def tangent_palm_pose(
@@ -59,11 +56,10 @@ def pregrasp_angles(
     joint_angles: Array,  # (J,) at the end of the closing motion, rad
     distances: Sequence[float],  # (N,) m
 ) -> Array:  # (N, J) rad, within the limits
-    """Compute joint angles from which closing moves every sensor a given distance along its normal.
+    """Compute joint angles from which closing moves every sensor a given distance along its normal, right to first order.
 
-    One damped least-squares step with the Jacobian of the sensors' positions, within the limits: right to first order
-    only. Where a joint meets its limit, the finger's others do what they can of its share. A finger with several
-    sensors takes the mean of their steps.
+    One damped least-squares step with the Jacobian of the sensors' positions, within the limits. Where a joint meets its limit, the
+    finger's others do what they can of its share. A finger with several sensors takes the mean of their steps.
     """
     home = np.eye(4)
     poses = sensor_poses(hand, home, joint_angles)  # (S, 4, 4)
@@ -80,13 +76,8 @@ def pregrasp_angles(
     return np.clip(opened, hand.lower, hand.upper)
 
 
-def _bounded_step(
-    jacobian: Array,  # (3, J)
-    target: Array,  # (3,)
-    least: Array,  # (J,)
-    most: Array,  # (J,)
-) -> Array:  # (J,)
-    """Find the step between two bounds that minimises |jacobian step - target|² + damping² |step|².
+def _bounded_step(jacobian: Array, target: Array, least: Array, most: Array) -> Array:  # (J,)
+    """Find the step between two bounds (J,) that minimises |jacobian (3, J) step - target (3,)|² + damping² |step|².
 
     The damping is `DAMPING`, or `LIMIT_DAMPING` if that step would pass a bound. Murty's principal pivoting: joints are held at a bound,
     or freed, one at a time, until each has the step that the remaining force asks of it, or the bound that stops it. It is exact, and

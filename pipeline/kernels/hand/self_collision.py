@@ -1,4 +1,4 @@
-"""Collisions of a hand with itself: gaps between its links, and postures that keep them."""
+"""Collisions of a hand with itself: gaps between the boxes of its links, postures that keep them, and links that overlap."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -7,35 +7,117 @@ from functools import lru_cache
 import numpy as np
 
 from pipeline.kernels.arrays import Array, Indices, Mask
+from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.transforms import compose
-from pipeline.kernels.hand.box_gaps import are_near, conflicts, least_gap
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 
+PARALLEL_SINE2 = 1e-6  # squared sine below which edges are parallel: their cross product is no axis, those of faces do
 Pairs = tuple[Indices, Indices]
 
 BEAM_WIDTH = 256  # partial choices that are kept from finger to finger
-MAX_NEIGHBOUR_JOINTS = 2
-"""Most moving joints between a link and its descendant that still count as neighbours: a knuckle has two."""
+MAX_NEIGHBOUR_JOINTS = 2  # moving joints between a link and a descendant that count as neighbours: a knuckle has two
 FREQUENT_SHARE = 0.5  # share of the postures in which a pair must overlap to be reported
 
 
-def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: Array) -> float:
-    """Compute the least gap, m, between links that can meet and are not allowed to, from their frames (L, 4, 4).
+@compiled
+def box_gap(
+    frame_a: Array,  # (4, 4) pose of the box's centre, m
+    half_a: Array,  # (3,) half extents, m
+    frame_b: Array,
+    half_b: Array,
+    enough: float = np.inf,  # m, a gap as good as any larger one: the search ends there
+) -> float:  # m; a lower bound of the distance of boxes that are apart; of boxes that overlap, minus their least overlap
+    """Compute the largest gap between two boxes along any of the 15 candidate axes."""
+    rotation, size, shift = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    gap = -np.inf
+    x, y, z = frame_b[0, 3] - frame_a[0, 3], frame_b[1, 3] - frame_a[1, 3], frame_b[2, 3] - frame_a[2, 3]
+    for i in range(3):  # the axes of a
+        for k in range(3):
+            rotation[i, k] = frame_a[0, i] * frame_b[0, k] + frame_a[1, i] * frame_b[1, k] + frame_a[2, i] * frame_b[2, k]
+            size[i, k] = abs(rotation[i, k])
+        shift[i] = frame_a[0, i] * x + frame_a[1, i] * y + frame_a[2, i] * z
+        gap = max(gap, abs(shift[i]) - half_a[i] - (size[i, 0] * half_b[0] + size[i, 1] * half_b[1] + size[i, 2] * half_b[2]))
+    if gap >= enough:
+        return gap
+    for k in range(3):  # the axes of b
+        along = abs(rotation[0, k] * shift[0] + rotation[1, k] * shift[1] + rotation[2, k] * shift[2])
+        gap = max(gap, along - half_b[k] - (size[0, k] * half_a[0] + size[1, k] * half_a[1] + size[2, k] * half_a[2]))
+    if gap >= enough:
+        return gap
+    for i in range(3):  # the cross products of two
+        i1, i2 = (i + 1) % 3, (i + 2) % 3
+        for k in range(3):
+            sine2 = 1 - rotation[i, k] ** 2
+            if sine2 > PARALLEL_SINE2:
+                k1, k2 = (k + 1) % 3, (k + 2) % 3
+                distance = abs(shift[i2] * rotation[i1, k] - shift[i1] * rotation[i2, k])
+                extent = half_a[i1] * size[i2, k] + half_a[i2] * size[i1, k]
+                extent = extent + half_b[k1] * size[i, k2] + half_b[k2] * size[i, k1]
+                gap = max(gap, (distance - extent) / np.sqrt(sine2))
+    return gap
 
-    It is that of `box_gap`: negative where links overlap; +inf where no two can meet.
-    """
+
+@compiled
+def least_gap(world: Array, half: Array, first: Indices, second: Indices) -> float:
+    """Compute the least gap, m, of pairs of boxes (C, 4, 4) with half extents (C, 3); inf without pairs."""
+    gap = np.inf
+    for a, b in zip(first, second):  # noqa: B905 - numba knows no `strict`
+        gap = min(gap, box_gap(world[a], half[a], world[b], half[b], gap))
+    return gap
+
+
+@compiled
+def are_near(world: Array, half: Array, first: Indices, second: Indices, gap: float) -> Mask:
+    """Find the pairs of boxes (N, C, 4, 4) that are nearer than `gap`, (N, pairs)."""
+    near = np.empty((len(world), len(first)), np.bool_)
+    for n in range(len(world)):
+        for pair in range(len(first)):
+            a, b = first[pair], second[pair]
+            near[n, pair] = box_gap(world[n, a], half[a], world[n, b], half[b], gap) < gap
+    return near
+
+
+@compiled
+def conflicts(
+    world: Array,  # (O, C, 4, 4) frames of boxes
+    half: Array,  # (C, 3) half extents
+    first: Indices,  # (pairs,) of boxes that may not touch
+    second: Indices,
+    owner: Indices,  # (C,) finger of each box, -1 for none
+    fingers: int,
+    gap: float,
+) -> Mask:  # (F, F, O, O)
+    """Find where finger a in option i is too near finger b in option j; filled for a < b."""
+    options = len(world)
+    conflicts = np.zeros((fingers, fingers, options, options), np.bool_)
+    radius = np.sqrt(half[:, 0] ** 2 + half[:, 1] ** 2 + half[:, 2] ** 2)
+    for pair in range(len(first)):
+        k, m = first[pair], second[pair]
+        if owner[k] > owner[m]:
+            k, m = m, k
+        if owner[k] < 0 or owner[k] == owner[m]:
+            continue
+        reach = radius[k] + radius[m] + gap
+        pair_conflicts = conflicts[owner[k], owner[m]]
+        for i in range(options):
+            for j in range(options):
+                if not pair_conflicts[i, j]:
+                    a, b = world[i, k], world[j, m]
+                    x, y, z = a[0, 3] - b[0, 3], a[1, 3] - b[1, 3], a[2, 3] - b[2, 3]
+                    if np.sqrt(x * x + y * y + z * z) < reach:
+                        pair_conflicts[i, j] = box_gap(a, half[k], b, half[m], gap) < gap
+    return conflicts
+
+
+def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: Array) -> float:
+    """Compute the least `box_gap` between links that can meet and are not allowed to, from their frames (L, 4, 4); inf for none."""
     return least_gap(world_boxes(boxes, frames), boxes.half, *_pairs(hand, boxes))
 
 
-def fingers_clear_of_palm(
-    hand: Hand,
-    boxes: CollisionBoxes,
-    frames: Array,  # (N, L, 4, 4) link frames, m
-    gap: float,  # m
-) -> Mask:  # (N, F)
-    """Find the fingers that keep a gap from their own links and from those that no finger moves."""
+def fingers_clear_of_palm(hand: Hand, boxes: CollisionBoxes, frames: Array, gap: float) -> Mask:  # (N, F)
+    """Find the fingers that keep a gap from their own links and from those that no finger moves, by link frames (N, L, 4, 4), m."""
     first, second = _pairs(hand, boxes)
     owner = hand.link_fingers[boxes.link]
     checked = (owner[first] == owner[second]) | (np.minimum(owner[first], owner[second]) < 0)
@@ -45,14 +127,8 @@ def fingers_clear_of_palm(
     return np.stack([~too_near[:, finger == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
 
 
-def fingers_apart(
-    hand: Hand,
-    boxes: CollisionBoxes,
-    frames: Array,  # (N, L, 4, 4) link frames, m
-    fingers: Sequence[int],
-    gap: float,  # m
-) -> Mask:  # (N,)
-    """Find the postures in which some fingers keep a gap from each other, from their own links and from the palm."""
+def fingers_apart(hand: Hand, boxes: CollisionBoxes, frames: Array, fingers: Sequence[int], gap: float) -> Mask:  # (N,)
+    """Find the postures, by link frames (N, L, 4, 4), in which some fingers keep a gap from each other, own links and palm."""
     first, second = _pairs(hand, boxes)
     owner = hand.link_fingers[boxes.link]
     involved = np.isin(owner, [*fingers, -1])
@@ -71,8 +147,7 @@ def choose_postures(
 ) -> Indices:  # (N, F) option taken for each finger, best choice first; N is 0 when none keeps them apart
     """Choose one posture per finger, of greatest total value, so that all fingers keep a gap from each other.
 
-    Options of different fingers mix freely. A beam search over fingers in their order, `BEAM_WIDTH` partial choices
-    wide.
+    Options of different fingers mix freely: a beam search over fingers in their order, `BEAM_WIDTH` partial choices wide.
     """
     options = len(frames)
     conflicts = finger_conflicts(hand, boxes, frames, gap)
@@ -109,8 +184,7 @@ def rigid_bodies(hand: Hand) -> Indices:
 def meeting_links(hand: Hand) -> Mask:
     """Mark the pairs of links that can meet, (L, L), the one nearer the root first.
 
-    Links joined by a joint touch by construction, and physics does not collide them either; links that no finger moves, or that are one
-    body, never meet.
+    Links that a joint joins touch by construction; links that no finger moves, or that are one body, never meet.
     """
     meet = np.maximum.outer(hand.link_fingers, hand.link_fingers) >= 0
     meet[[joint.parent for joint in hand.joints], [joint.child for joint in hand.joints]] = False
@@ -149,21 +223,12 @@ def overlapping_neighbours(hand: Hand, boxes: CollisionBoxes) -> frozenset[tuple
 
 
 def close_links(hand: Hand, boxes: CollisionBoxes, within: float) -> dict[tuple[int, int], float]:
-    """Find links that lie close side by side at rest, as those of two fingers may.
-
-    Each pair that is nearer than `within` and not allowed to touch has its gap, m; the link nearer the root comes
-    first.
-    """
+    """Compute the gaps at rest, m, of links that are nearer than `within` and not allowed to touch; the one nearer the root first."""
     return {pair: gap for pair, gap in _resting_gaps(hand, boxes) if gap < within and pair not in hand.allowed_contacts}
 
 
-def frequent_overlaps(
-    hand: Hand,
-    boxes: CollisionBoxes,
-    frames: Array,  # (N, L, 4, 4) link frames of N postures, m
-    gap: float = 0.0,  # m, links nearer than this count as overlapping
-) -> list[LinkOverlap]:
-    """List the pairs of links that overlap in many postures and are not allowed to, worst first."""
+def frequent_overlaps(hand: Hand, boxes: CollisionBoxes, frames: Array, gap: float = 0.0) -> list[LinkOverlap]:
+    """List the pairs of links nearer than `gap` in many postures (N, L, 4, 4) that are not allowed to touch, worst first."""
     overlaps = []
     for pair, gaps in _link_gaps(hand, boxes, frames):
         share = float((gaps < gap).mean())
@@ -175,8 +240,7 @@ def frequent_overlaps(
 def remedy(hand: Hand, overlap: LinkOverlap) -> str:
     """Name the entry of the hand file that ends an overlap.
 
-    It is `convex_parts` of links whose mesh is taken as one convex shape, which fills its hollows; if there are none,
-    `allowed_contacts`.
+    It is `convex_parts` of links whose mesh is one convex shape, which fills its hollows; if there are none, `allowed_contacts`.
     """
     links = [hand.links[overlap.first], hand.links[overlap.second]]
     entries = [f"{link.name}: 8" for link in links if sum(shape.kind == "mesh" for shape in link.collisions) == 1]

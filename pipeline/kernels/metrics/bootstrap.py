@@ -6,8 +6,7 @@ import numpy as np
 
 from pipeline.kernels.arrays import Array
 
-RESAMPLES = 10_000
-"""Means drawn for an interval: its ends then vary by about a hundredth of its length from seed to seed."""
+RESAMPLES = 10_000  # means drawn for an interval: its ends vary by about a hundredth of its length from seed to seed
 LEVEL = 0.95  # share of the resampled means that an interval holds
 BATCH = 1000  # resamples held in memory at a time
 
@@ -22,37 +21,25 @@ class Interval:
     count: int  # objects that the mean is of
 
 
-def mean_interval(
-    values: Array,  # (N,) one per object, or (S, N) for each of S trainings, which differ by their seeds
-    rng: np.random.Generator,
-) -> Interval:
-    """Compute a mean over objects, and over trainings if several, with its 95 % percentile bootstrap interval.
+def mean_interval(values: Array, rng: np.random.Generator) -> Interval:
+    """Compute a mean over objects, (N,), and trainings, (S, N), with its 95 % percentile bootstrap interval.
 
     Objects and trainings are drawn with replacement, independently of each other (the pigeonhole bootstrap; Owen, 2007). With few of
-    either, the interval is too short: of 5 objects its true coverage is about 80 % instead of 95 %, and of S trainings it
-    contains (S - 1) / S of the variance between them: none of a single training. Read it with their numbers.
+    either, the interval is too short: of 5 objects its true coverage is about 80 % instead of 95 %, and of S trainings it contains
+    (S - 1) / S of the variance between them: none of a single training. Read it with their numbers.
     """
     values = _checked(values)
     return _interval(float(values.mean()), values.shape[1], (values,), rng)
 
 
-def difference_interval(
-    first: Array,  # (N,) or (S, N) as for `mean_interval`
-    second: Array,  # the same objects in the same order
-    rng: np.random.Generator,
-    *,
-    same_trainings: bool = False,
-) -> Interval:
-    """Compute the mean of `first` - `second`, two configurations on the same objects, and its 95 % interval.
+def difference_interval(first: Array, second: Array, rng: np.random.Generator, *, same_trainings: bool = False) -> Interval:
+    """Compute the mean of `first` - `second`, two configurations on the same objects, as for `mean_interval`, and its interval.
 
-    Objects are drawn, not values: the difficulty of an object, which both share, cancels. With `same_trainings`, both
-    are figures of the same trainings in the same order, and differences between trainings cancel too; without,
-    trainings are drawn independently for each configuration.
+    Objects are drawn, not values: the difficulty of an object, which both share, cancels. With `same_trainings`, both are figures of the
+    same trainings in the same order, and differences between trainings cancel too.
     """
     if np.shape(first)[-1:] != np.shape(second)[-1:]:
-        raise ValueError(
-            f"{np.shape(first)} and {np.shape(second)} values cannot be paired: both need one value for each of the same objects"
-        )
+        raise ValueError(f"{np.shape(first)} and {np.shape(second)} values cannot be paired: both need one per object")
     first, second = _checked(first), _checked(second)
     # the difference per object is exact where both are equal, which a difference of means is not
     parts = (first - second,) if same_trainings or len(first) == len(second) == 1 else (first, -second)
@@ -71,15 +58,12 @@ def _interval(mean: float, count: int, parts: tuple[Array, ...], rng: np.random.
     """Compute the interval of the sum of the parts' means, (S, N) each with its own S."""
     if count == 1:
         return Interval(mean, -np.inf, np.inf, count)
-    means = np.concatenate([_resampled(parts, rng) for _ in range(RESAMPLES // BATCH)])
-    low, high = np.quantile(means, ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
+    means = []
+    for _ in range(RESAMPLES // BATCH):
+        objects = _shares(count, rng)
+        means.append(np.asarray(sum(((_shares(len(part), rng) @ part) * objects).sum(axis=1) for part in parts)))
+    low, high = np.quantile(np.concatenate(means), ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
     return Interval(mean, float(low), float(high), count)
-
-
-def _resampled(parts: tuple[Array, ...], rng: np.random.Generator) -> Array:
-    """Draw `BATCH` means."""
-    objects = _shares(parts[0].shape[1], rng)
-    return np.asarray(sum(((_shares(len(part), rng) @ part) * objects).sum(axis=1) for part in parts))
 
 
 def _shares(count: int, rng: np.random.Generator) -> Array:

@@ -10,16 +10,14 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.tensor_checks import check_full_precision
+from pipeline.kernels.arrays import check_shape
+from pipeline.kernels.tensors import check_full_precision
 
 PAIRS_PER_BLOCK = 1 << 25  # distances a GPU holds at a time: 128 MiB of float32, as much again while they are summed
 
 
 class SearchCloud:
-    """A cloud (M, 3) with its search tree, built once for many comparisons.
-
-    On a CPU it is a float64 k-d tree; a GPU compares all pairs, in the clouds' own precision.
-    """
+    """A cloud (M, 3) with its search tree, a float64 k-d tree, for many comparisons; on a GPU all pairs are compared."""
 
     def __init__(self, points: Tensor) -> None:
         _check("points", points)
@@ -36,24 +34,17 @@ class SearchCloud:
         return nearest_of_pairs(query, self.points)
 
 
-def squared_distances(
-    query: Tensor,  # (N, 3)
-    points: Tensor | SearchCloud,  # (M, 3), of the same unit and on the same device
-) -> Tensor:  # (N,) the unit squared
-    """Compute the squared distance from each query point to the nearest of `points`, differentiable in both clouds."""
+def squared_distances(query: Tensor, points: Tensor | SearchCloud) -> Tensor:  # (N,) the unit squared
+    """Compute the squared distance from each of `query` (N, 3) to the nearest of `points` (M, 3), differentiable in both clouds."""
     target = points if isinstance(points, SearchCloud) else SearchCloud(points)
     nearest = target.points.index_select(0, target.nearest(query))
     return (query - nearest).square().sum(dim=1)
 
 
-def chamfer(
-    a: Tensor,  # (N, 3)
-    b: Tensor,  # (M, 3), of the same unit and on the same device
-) -> Tensor:  # a scalar, the unit squared
-    """Compute the Chamfer distance of two clouds: the mean squared nearest distance, both directions summed.
+def chamfer(a: Tensor, b: Tensor) -> Tensor:  # a scalar, the unit squared
+    """Compute the Chamfer distance of two clouds: the mean squared nearest distance, both directions summed; differentiable.
 
-    It is differentiable in both clouds. Two area-uniform draws of n points from one surface of area A are on average
-    2A / (π n) apart: no fit of samples gets below that.
+    Two area-uniform draws of n points from one surface of area A are on average 2A / (π n) apart: no fit of samples gets below that.
     """
     return squared_distances(a, b).mean() + squared_distances(b, a).mean()
 
@@ -86,8 +77,7 @@ def _squared_differences(query: Tensor, points: Tensor) -> Tensor:
 
 
 def _check(name: str, points: Tensor) -> None:
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise ValueError(f"{name} has shape {tuple(points.shape)}; a cloud is (N, 3)")
+    check_shape(name, points, "N", 3)
     check_full_precision(name, points)
     if len(points) == 0:
         raise InvalidInput(f"{name} holds no points, (0, 3); a nearest point needs at least one: leave empty clouds out beforehand")

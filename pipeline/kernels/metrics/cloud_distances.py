@@ -1,4 +1,4 @@
-"""Chamfer distance, precision, recall and F1 of point clouds, in float64.
+"""Chamfer distance, precision, recall and F1 of point clouds, in float64, and the rings around touch sites of Table 2.
 
 Clouds are finite, (N, 3), N >= 1, in m; squared distances err by less than 1e-14 of themselves.
 """
@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.arrays import Array, Floats
+from pipeline.kernels.arrays import Array, Floats, check_shape
 from pipeline.kernels.geometry.mesh import check_coordinates
 
-TABLE_3_FACTOR = 9000.0
-"""Table 3's values are consistent with this multiple of the Chamfer distance in m² (anything from 5,000 to 12,000 would be)."""
-MAX_NEIGHBOURS = 16  # nearest points among which a point on the same side of a surface is searched
+TABLE_3_FACTOR = 9000.0  # times the Chamfer distance in m² gives Table 3's values (so would 5,000 to 12,000)
+MAX_NEIGHBOURS = 16  # nearest points among which one on the same side of a surface is searched
 
 
 def nearest_squared(query: Floats, points: Floats) -> Array:
@@ -42,12 +41,8 @@ class CloudDistances:
         """Mean nearest distance, m: the mean of both directions'."""
         return float(np.sqrt(self.predicted).mean() + np.sqrt(self.truth).mean()) / 2
 
-    def precision_recall(
-        self,
-        tau: float,  # greatest squared distance that counts as near, m² of the scaled clouds
-        scale: float = 1.0,  # factor that both clouds are multiplied by beforehand
-    ) -> tuple[float, float]:
-        """Compute precision and recall: the shares of predicted and of true points that are near the other cloud."""
+    def precision_recall(self, tau: float, scale: float = 1.0) -> tuple[float, float]:
+        """Compute the shares of predicted and of true points whose squared distance from the other cloud, scaled, is at most `tau`."""
         if not (tau >= 0 and 0 < scale < np.inf):
             raise ValueError(f"squared distance {tau}, scale {scale}: the distance is at least 0, the scale above it and finite")
         precision, recall = (float(np.mean(squared * scale**2 <= tau)) for squared in (self.predicted, self.truth))
@@ -65,34 +60,24 @@ def cloud_distances(predicted: Floats, truth: Floats) -> CloudDistances:
 
 
 def sampling_distance(area: float, count: int) -> float:
-    """Compute the mean nearest distance between two samplings of one surface: what a perfect reconstruction measures.
-
-    It is √(A / n) / 2, m: the mean of the distribution whose mean square is A / (π n), as for `sampling_floor`.
-    """
+    """Compute the mean nearest distance, √(A / n) / 2, m, between two samplings of one surface, as for `sampling_floor`."""
     return float(np.sqrt(np.pi * sampling_floor(area, count) / 8))
 
 
-def sampling_floor(
-    area: float,  # A, m²
-    count: int,  # n, points of each sampling
-) -> float:  # m²
-    """Compute the Chamfer distance between two samplings of one surface: what a perfect reconstruction measures.
+def sampling_floor(area: float, count: int) -> float:  # m²
+    """Compute the Chamfer distance between two samplings, of n points, of a surface of area A: what a perfect reconstruction measures.
 
-    It is 2A / (π n): for points scattered at random over a plane, n on an area A, the squared distance to the nearest
-    has mean A / (π n).
+    It is 2A / (π n): for points scattered at random over a plane, the squared distance to the nearest has mean A / (π n).
     """
     if not 0 <= area < np.inf or count < 1:
-        raise ValueError(
-            f"an area of {area} m² with {count} points has no sampling floor: the area is finite and at least 0, the points at least 1"
-        )
+        raise ValueError(f"area {area} m², {count} points: area must be finite and ≥ 0, count ≥ 1")
     return 2 * area / (np.pi * count)
 
 
 def sampling_share(area: float, count: int, distance: float) -> float:
-    """Compute the share of points within `distance`, m, of another sampling of their surface.
+    """Compute the share of points within `distance`, m, of another sampling of their surface: 1 - exp(-π n d² / A).
 
-    It is the F1 that a perfect reconstruction measures: 1 - exp(-π n d² / A), for points scattered at random over a
-    plane. Area (above 0) and count are those of `sampling_floor`.
+    It is the F1 that a perfect reconstruction measures. Area (above 0) and count are those of `sampling_floor`.
     """
     return float(-np.expm1(-2 * distance**2 / sampling_floor(area, count)))
 
@@ -103,10 +88,9 @@ def sampled_area(
 ) -> float:  # m²
     """Estimate the area of the surface from which `points` were drawn area-uniformly.
 
-    It is the area on which as many random points would have the nearest distances that these have on their side:
-    accurate to 1/√N, but a little too small around edges, and by 5 % where parts are as thin as a few distances between
-    points. Without normals, two sides of a surface that are nearer than neighbouring points count once, as nearest
-    distances see them (which `sampling_floor` needs); with them, both count.
+    It is the area on which as many random points would have the nearest distances that these have on their side: accurate to 1/√N, but a
+    little too small around edges, and by 5 % where parts are as thin as a few distances between points. Without normals, two sides of a
+    surface that are nearer than neighbouring points count once, as `sampling_floor` needs; with them, both count.
     """
     points = checked_cloud("points", points)
     if len(points) < 2:
@@ -124,27 +108,21 @@ def sampled_area(
 def checked_cloud(name: str, points: Floats) -> Array:
     """Convert a cloud (N, 3), N at least 1, to float64, and check it; `name` it in messages."""
     cloud: Array = np.asarray(points, np.float64)
-    if cloud.ndim != 2 or cloud.shape[1] != 3:
-        raise ValueError(f"{name} has shape {cloud.shape}; a cloud is (number, 3)")
+    check_shape(name, cloud, "N", 3)
     if not len(cloud):
         raise InvalidInput(f"{name} is an empty cloud and holds no nearest point; check the surface it was drawn from")
     check_coordinates(cloud, f"points of {name}")
     return cloud
 
 
-def ring_indices(
-    points: Floats,  # (N, 3) world, m
-    pose: Array,  # (4, 4) sensor frame to world, m
-    width: float,  # m, side of the sensor
-    rings: int = 5,
-) -> NDArray[np.int64]:  # (N,) 0 for the ring ×1, -1 for a point in none
-    """Find the ring around a sensor in which each surface point lies.
+def ring_indices(points: Floats, pose: Array, width: float, rings: int = 5) -> NDArray[np.int64]:  # (N,)
+    """Find the ring in which each surface point (N, 3) lies around a sensor, `width` m wide, at a pose (4, 4): 0, 1, … or -1.
 
     Ring k of 1, 2, … holds the points with |x|, |y| ≤ k · width / 2 in the sensor's frame that are not in ring k - 1, and with
-    |z| ≤ width, or else the far side of the object would count.
+    |z| ≤ width, or else the far side of the object would count. It has number k - 1; a point in none has -1.
     """
-    if points.ndim != 2 or points.shape[1] != 3 or pose.shape != (4, 4):
-        raise ValueError(f"points {points.shape} and pose {pose.shape}: they must be (number, 3) and (4, 4)")
+    check_shape("points", points, "N", 3)
+    check_shape("pose", pose, 4, 4)
     if not 0 < width < np.inf or rings < 1:
         raise ValueError(f"{rings} rings of a sensor {width} m wide: both must be above 0 and finite")
     if not (np.isfinite(points).all() and np.isfinite(pose).all()):
@@ -156,15 +134,8 @@ def ring_indices(
     return np.where(outside, -1, multiple)
 
 
-def ring_means(
-    squared: Array,  # (N,) of each surface point, m²
-    ring: NDArray[np.int64],  # (N,) from `ring_indices`
-    rings: int = 5,
-) -> tuple[Array, NDArray[np.int64]]:  # (rings,) m², and (rings,)
-    """Compute the mean squared distance per ring, and the number of its points.
-
-    A ring without points has count 0 and mean 0, which is no value.
-    """
+def ring_means(squared: Array, ring: NDArray[np.int64], rings: int = 5) -> tuple[Array, NDArray[np.int64]]:  # (rings,) each
+    """Compute the mean squared distance per ring, m², of points (N,), and the number of its points; of none, the mean is 0."""
     if squared.shape != ring.shape or squared.ndim != 1:
         raise ValueError(f"squared distances {squared.shape} and rings {ring.shape}: they must be (number,) and the same")
     if len(ring) and not (ring.min() >= -1 and ring.max() < rings):

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from pipeline.kernels.arrays import Array, Array32, Floats, Indices, Mask
 
-COARSE = (32, 256)  # numbers of points by which clouds are compared, level by level, before all points are
+COARSE = (32, 256)  # points by which clouds are compared, level by level, before all points are
 ROUNDING = 1 - 1e-9  # factor that keeps a bound below its distance despite rounding
 
 
@@ -60,7 +60,7 @@ def nearest_cloud(
 ) -> tuple[float, int] | None:  # distance, in the square of the clouds' unit, and number of the first cloud that has it
     """Find the cloud nearest to a query, with the same result, to the bit, as a comparison with all of them.
 
-    The cloud with the least bound is compared at its next level, repeatedly. Once its bound is the distance itself, no other is nearer.
+    The cloud with the least bound is compared at its next level, repeatedly, until its bound is the distance itself.
     """
     queue = [(0.0, False, number, 0) for number in range(len(clouds))]  # bound, whether it is the distance, cloud, level
     while queue:
@@ -75,11 +75,8 @@ def nearest_cloud(
     return None
 
 
-def chamfer_matrix(
-    clouds: Sequence[RetrievalCloud],  # A clouds, one frame
-    advance: Callable[[], None] = lambda: None,  # called after each row
-) -> Array:  # (A, A) the square of the clouds' unit
-    """Compute the Chamfer distance of each pair of clouds: mean squared nearest distances, both directions summed."""
+def chamfer_matrix(clouds: Sequence[RetrievalCloud], advance: Callable[[], None] = lambda: None) -> Array:  # (A, A)
+    """Compute the Chamfer distance of each pair of clouds, in their unit squared; `advance` is called after each row."""
     matrix = np.zeros((len(clouds), len(clouds)))
     for row, cloud in enumerate(clouds):
         for column, other in enumerate(clouds[:row]):
@@ -89,11 +86,8 @@ def chamfer_matrix(
     return matrix
 
 
-def silhouette_overlap(
-    masks: Mask,  # (A, P) whether each of P pixels is covered
-    others: Mask,  # (B, P)
-) -> Array32:  # (A, B)
-    """Compute the intersection over union of each of `masks` with each of `others`; 0 where both are empty."""
+def silhouette_overlap(masks: Mask, others: Mask) -> Array32:  # (A, B)
+    """Compute the intersection over union of each of `masks` (A, P pixels) with each of `others` (B, P); 0 where both are empty."""
     first, second = masks.astype(np.float32), others.astype(np.float32)
     intersection = first @ second.T
     union = first.sum(axis=1)[:, None] + second.sum(axis=1) - intersection

@@ -11,6 +11,7 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Integers, Mask
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products
+from pipeline.kernels.geometry.mesh_cleaning import group_by_position
 from pipeline.kernels.geometry.signed_distance import is_inside
 
 
@@ -20,11 +21,10 @@ def surface_area(vertices: Array, faces: Integers) -> float:
     return float(np.linalg.norm(face_cross_products(vertices[faces]), axis=1).sum() / 2)
 
 
-def dihedral_angles(vertices: Array, faces: Integers) -> Array:
-    """Compute the angles between the normals of neighbouring faces: 0 on a plane, 180 where a surface folds back onto itself.
+def dihedral_angles(vertices: Array, faces: Integers) -> Array:  # (E,) degrees
+    """Compute the angles between the normals of faces that share an edge: 0 on a plane, 180 where a surface folds back onto itself.
 
-    There is one per edge that two faces share, (E,) degrees; faces without area have no normal, and their edges no
-    angle.
+    Faces without area have no normal, and their edges no angle.
     """
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     sound = (mesh.area_faces > 0)[mesh.face_adjacency].all(axis=1)
@@ -32,30 +32,16 @@ def dihedral_angles(vertices: Array, faces: Integers) -> Array:
     return np.asarray(np.degrees(np.arctan2(np.linalg.norm(np.cross(first, second), axis=1), (first * second).sum(axis=1))))
 
 
-def seam_gaps(
-    vertices: Array,  # (V, 3) m
-    position: Integers,  # (V,) vertices with the same number were one point
-) -> Array:  # (S,) m
-    """Compute the distances between vertices that were one point of the surface before it was deformed.
-
-    For each point that several vertices share, it is the largest distance between two of them.
-    """
-    order = np.argsort(position, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(position[order])) + 1)
-    shared = [vertices[group] for group in groups if len(group) > 1]
+def seam_gaps(vertices: Array, position: Integers) -> Array:  # (S,) m
+    """Compute the largest distance between vertices (V, 3) of each position (V,), one point of the surface before it was deformed."""
+    shared = [vertices[group] for group in group_by_position(position) if len(group) > 1]
     return np.array([np.linalg.norm(group[:, None] - group, axis=2).max() for group in shared])
 
 
-def normal_consistency(
-    points: Array,  # (N, 3) drawn from a surface, m
-    normals: Array,  # (N, 3) unit normals there, of either sign
-    other_points: Array,  # (M, 3)
-    other_normals: Array,  # (M, 3)
-) -> float:
-    """Compute how well the normals of two surfaces agree: 1 where they are parallel everywhere, 0.5 by chance.
+def normal_consistency(points: Array, normals: Array, other_points: Array, other_normals: Array) -> float:
+    """Compute how well the unit normals (N, 3) of two surfaces agree: 1 where they are parallel everywhere, 0.5 by chance.
 
-    It is the mean absolute cosine between the normal of each point and that of the other surface's nearest point, mean
-    of both directions.
+    It is the mean absolute cosine between the normal of each point (N, 3) and that of the other surface's nearest, both ways.
     """
     return (_agreement(points, normals, other_points, other_normals) + _agreement(other_points, other_normals, points, normals)) / 2
 
@@ -70,10 +56,7 @@ def crossing_faces(
     faces: Integers,
     position: Integers | None = None,  # (V,) vertices with the same number were one point; None: all differ
 ) -> Mask:  # (F,)
-    """Find the faces that cross another one; neighbours, which share a vertex or a position, are skipped.
-
-    Faces that only touch, or that overlap in one plane, may be found or not.
-    """
+    """Find the faces that cross another one, in other than one plane; neighbours, which share a vertex or position, are skipped."""
     corners = np.asarray(vertices[faces], float)  # (F, 3, 3)
     axis = int(np.argmax(np.ptp(corners.reshape(-1, 3), axis=0)))
     order = np.argsort(corners[:, :, axis].min(axis=1))
@@ -130,15 +113,8 @@ def _volume(a: Array, b: Array, c: Array, d: Array) -> float:
     return volume
 
 
-def intersection_over_union(
-    first: tuple[Array, Integers],
-    second: tuple[Array, Integers],
-    points: Array,  # (N, 3) spread evenly over a box around both surfaces, m
-) -> float:
-    """Compute the intersection over union of two closed surfaces: the share of the points in either that are in both.
-
-    Points with a winding number above 0.5 or below -0.5 are inside: small gaps change little.
-    """
+def intersection_over_union(first: tuple[Array, Integers], second: tuple[Array, Integers], points: Array) -> float:
+    """Compute the intersection over union of two closed surfaces by points (N, 3) spread evenly over a box around both."""
     inside = [is_inside(points, *surface) for surface in (first, second)]
     if not (either := (inside[0] | inside[1]).sum()):
         raise InvalidInput(f"none of {len(points)} points is inside either surface: take more of them, or surfaces that are closed")

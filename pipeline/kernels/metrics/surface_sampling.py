@@ -11,16 +11,12 @@ import torch
 from torch import Tensor
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.tensor_checks import check_full_precision
+from pipeline.kernels.arrays import check_shape
+from pipeline.kernels.tensors import check_full_precision
 
 
-def sample_surface(
-    vertices: Tensor,  # (V, 3) float32 or float64
-    faces: Tensor,  # (F, 3) int64
-    count: int,
-    generator: torch.Generator,  # on the CPU, wherever the vertices lie
-) -> Tensor:  # (count, 3), the vertices' unit and type
-    """Draw points from one surface.
+def sample_surface(vertices: Tensor, faces: Tensor, count: int, generator: torch.Generator) -> Tensor:  # (count, 3)
+    """Draw points from a surface of vertices (V, 3) and faces (F, 3); the generator is on the CPU.
 
     Gradients reach the vertices through the mixture of a face's corners, not through the choice of the face (Smith et al., GEOMetrics,
     2019).
@@ -30,12 +26,8 @@ def sample_surface(
     return map_to_surface(vertices, faces, torch.rand(count, 3, generator=generator, dtype=torch.float64))
 
 
-def map_to_surface(
-    vertices: Tensor,  # (V, 3) float32 or float64
-    faces: Tensor,  # (F, 3) int64
-    uniform: Tensor,  # (n, 3) float64 in [0, 1]
-) -> Tensor:  # (n, 3), the vertices' unit and type
-    """Map the unit cube to a surface, volume to area.
+def map_to_surface(vertices: Tensor, faces: Tensor, uniform: Tensor) -> Tensor:  # (n, 3), the vertices' unit and type
+    """Map the unit cube, `uniform` (n, 3) float64, to a surface of vertices (V, 3) and faces (F, 3) int64, volume to area.
 
     The first coordinate chooses the face by its share of the area; the others, u and v, the point
     (1 - √u) A + √u (1 - v) B + √u v C in it (Osada et al., Shape Distributions, 2002).
@@ -51,10 +43,9 @@ def map_to_surface(
 
 
 def doubled_areas(vertices: Tensor, faces: Tensor) -> Tensor:
-    """Compute twice the areas (F,) of faces (F, 3) of vertices (V, 3), in their type and unit squared.
+    """Compute twice the areas (F,) of faces (F, 3) of vertices (V, 3): exactly 0 where two corners are one.
 
-    They are exactly 0 where two corners are one. By components: torch's cross product fuses multiplications and
-    additions, which leaves such faces a rounding error for an area.
+    By components: torch's cross product fuses multiplications and additions, which leaves such faces a rounding error for an area.
     """
     a, b, c = vertices[faces].unbind(dim=1)  # (F, 3) each
     (x, y, z), (u, v, w) = (b - a).unbind(dim=1), (c - a).unbind(dim=1)
@@ -72,8 +63,7 @@ def _choose(cumulative: Tensor, uniform: Tensor) -> Tensor:
 
 def _check(vertices: Tensor, faces: Tensor, uniform: Tensor) -> None:
     for name, array in {"vertices": vertices, "faces": faces, "uniform": uniform}.items():
-        if array.ndim != 2 or array.shape[1] != 3:
-            raise ValueError(f"{name} have shape {tuple(array.shape)}; they must be (n, 3)")
+        check_shape(name, array, "n", 3)
     if not len(faces):
         raise ValueError("there are no faces to draw points from")
     check_full_precision("vertices", vertices)

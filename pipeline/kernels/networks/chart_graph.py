@@ -1,4 +1,4 @@
-"""The graph that the vertices of vision and touch charts form (supplement 3.1, 3.2)."""
+"""The graph that the vertices of vision and touch charts form, and the graph convolutions on it (supplement 3.1, 3.2, after GEOMetrics)."""
 
 import math
 import warnings
@@ -18,7 +18,7 @@ from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.charts.vision_charts import VisionCharts
 from pipeline.kernels.geometry.mesh import directed_edges
 from pipeline.kernels.networks.network_configurations import TouchEdges
-from pipeline.kernels.tensor_checks import check_full_precision
+from pipeline.kernels.tensors import check_full_precision
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,22 +139,15 @@ def _item_adjacency(charts: VisionCharts, side: int, count: int, *, mutual: bool
 
 
 class ZeroNeighbourLayer(nn.Module):
-    """Map each vertex's features linearly, average the first of them over neighbours, and apply a ReLU.
-
-    `mixed` is the share of the features that are averaged, 0 to 1; GEOMetrics has 1/3 and 1/10.
-    """
+    """Map each vertex's features linearly, average the first of them, a share `mixed`, over neighbours, and apply a ReLU."""
 
     def __init__(self, in_features: int, out_features: int, mixed: float = 1 / 3) -> None:
         super().__init__()
         self.linear = nn.Linear(in_features, out_features)
         self.mixed = math.floor(mixed * out_features)
 
-    def forward(
-        self,
-        features: Tensor,  # (N, in_features)
-        graph: ChartGraph,  # the neighbours of the N vertices
-    ) -> Tensor:  # (N, out_features)
-        """Compute the layer's output; values that are not finite spread to the neighbours."""
+    def forward(self, features: Tensor, graph: ChartGraph) -> Tensor:  # (N, out_features)
+        """Compute the layer's output from features (N, in_features); values that are not finite spread to the neighbours."""
         expected = sum(graph.sizes), self.linear.in_features
         if tuple(features.shape) != expected:
             raise ValueError(f"features are {tuple(features.shape)}; graph and layer take {expected}: vertices, features")
@@ -165,11 +158,7 @@ class ZeroNeighbourLayer(nn.Module):
 
 
 class GraphConvolutionNetwork(nn.Module):
-    """Zero-neighbour layers, and a linear one that gives each vertex's displacement.
-
-    There are `layers` in all, the linear one included, 2 at least; each but the last has `features`, of which the share
-    `mixed` is averaged over neighbours.
-    """
+    """Zero-neighbour layers, and a linear one that gives each vertex's displacement: `layers` in all, 2 at least."""
 
     def __init__(self, in_features: int, layers: int, features: int, mixed: float = 1 / 3) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Image encoders: stacks of convolutions whose feature maps perceptual pooling reads (Tables 7-11)."""
+"""Image encoders: stacks of convolutions (Tables 7-11), whose features are pooled at the pixel where a vertex is seen (supplement 3.1)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,12 +10,12 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import check_shape
 from pipeline.kernels.networks.network_configurations import Norm
-from pipeline.kernels.tensor_checks import COLOURS, check_full_precision, check_intensities
+from pipeline.kernels.tensors import COLOURS, check_full_precision, check_intensities
 
 GROUPS = 8  # most groups of channels of a group normalisation; fewer where groups would have different sizes
-NEAREST_DEPTH = 0.01
-"""m; nearer points are moved to this depth. Cameras are farther than 0.5 m from objects of the size that networks see."""
+NEAREST_DEPTH = 0.01  # m, to which nearer points are moved; cameras are farther than 0.5 m from objects as networks see them
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,7 @@ class EncoderPlan:
 
 @dataclass(frozen=True)
 class MapGrid:
-    """Where the receptive fields of a map's elements are centred, in image pixels.
-
-    Element i of a row or column is at `start + jump · i`. Pixel centres lie at 1/2, so an image is its own map with
-    start 1/2 and jump 1.
-    """
+    """Where the receptive fields of a map's elements are centred: element i of a row or column at `start + jump · i` image pixels."""
 
     start: float = 0.5
     jump: int = 1
@@ -71,10 +67,10 @@ def _normalisation(norm: Norm, channels: int) -> nn.Module:
 class ImageEncoder(nn.Module):
     """Computes feature maps of images at several depths.
 
-    `kernel` is the pixels per side of each convolution, 3 (the tables) or 5 (the authors' release). `norm` is "batch"
-    (Tables 7-10), "instance" (Table 11), or "group", of groups of channels of one image. `width` is each layer's
-    channels over the plan's, rounded, one at least; below 1 for drafts. `grids` hold where the elements of each tapped
-    map are centred, `channels` counts those of all tapped maps together, `deepest` those of the last one.
+    `kernel` is the pixels per side of each convolution, 3 (the tables) or 5 (the authors' release). `norm` is "batch" (Tables 7-10),
+    "instance" (Table 11), or "group", of groups of channels of one image. `width` is each layer's channels over the plan's, rounded, one at
+    least. `grids` hold where the elements of each tapped map are centred, `channels` counts those of all tapped maps together, `deepest`
+    those of the last one.
     """
 
     def __init__(self, plan: EncoderPlan, kernel: int = 3, norm: Norm = "batch", width: float = 1.0):
@@ -95,13 +91,11 @@ class ImageEncoder(nn.Module):
     def forward(self, images: Tensor) -> list[Tensor]:
         """Compute the tapped maps, (B, channels, rows, columns) each, of images (B, 3, H, W) in [0, 1].
 
-        In float32 on a CPU they err by at most 1e-4 of their largest value; under bfloat16's autocast by 5 % in
-        evaluation with batch normalisation, by half after 25 layers of instance normalisation. A map without contrast,
-        as of a black image, is normalised to rounding noise (batch normalisation in training, instance normalisation
-        always): finite and repeatable, but not the same in float32 and float64.
+        In float32 on a CPU they err by at most 1e-4 of their largest value; under bfloat16's autocast by 5 % in evaluation with batch
+        normalisation, by half after 25 layers of instance normalisation. A map without contrast, as of a black image, is normalised to
+        rounding noise (batch normalisation in training, instance normalisation always): repeatable, but not the same in both precisions.
         """
-        if images.ndim != 4 or images.shape[1] != COLOURS:
-            raise ValueError(f"images are {tuple(images.shape)}, but an image encoder takes (B, {COLOURS}, H, W)")
+        check_shape("images", images, "B", COLOURS, "H", "W")
         check_intensities("images", images)
         self._check_size(images)
         # on CPUs convolutions of float32 are faster colour beside colour, and group norm of bfloat16 fifty times slower
@@ -119,10 +113,8 @@ class ImageEncoder(nn.Module):
         for index, (_, stride) in enumerate(self.plan.layers, start=1):
             size = tuple((side + 2 * self.padding - self.kernel) // stride + 1 for side in size)
             if min(size) < 1 or (per_image and size == (1, 1)):
-                raise InvalidInput(
-                    f"{len(images)} images of {images.shape[2]} x {images.shape[3]} pixels leave layer {index} of {len(self.layers)} "
-                    f"a map of {size[0]} x {size[1]}, too few values to normalise; take larger images"
-                )
+                left = f"leave layer {index} of {len(self.layers)} a map of {size[0]} x {size[1]}, too few values to normalise"
+                raise InvalidInput(f"{len(images)} images of {images.shape[2]} x {images.shape[3]} pixels {left}; take larger images")
 
 
 def project_to_pixels(
@@ -131,14 +123,13 @@ def project_to_pixels(
 ) -> Tensor:  # (B, N, 2) column and row, pixels, pixel centres at 1/2
     """Project world points into an image.
 
-    A point nearer to the camera than `NEAREST_DEPTH`, or behind it, is first moved along the viewing direction to that
-    depth: it falls far outside the image on its own side, and each coordinate and gradient is finite. In float32 a
-    coordinate errs by at most 1e-6 · Σ |camera| |point| / depth: 1e-3 pixels in the scene.
+    A point nearer to the camera than `NEAREST_DEPTH`, or behind it, is first moved along the viewing direction to that depth: it falls
+    far outside the image on its own side, and each coordinate and gradient is finite. In float32 a coordinate errs by at most
+    1e-6 · Σ |camera| |point| / depth: 1e-3 pixels in the scene.
     """
     if camera.shape not in {(3, 4), (len(points), 3, 4)} or points.ndim != 3 or points.shape[2] != 3:
-        raise ValueError(
-            f"camera is {tuple(camera.shape)} and points {tuple(points.shape)}: they must be (3, 4) or (B, 3, 4), and (B, N, 3)"
-        )
+        shapes = f"camera is {tuple(camera.shape)} and points {tuple(points.shape)}"
+        raise ValueError(f"{shapes}: they must be (3, 4) or (B, 3, 4), and (B, N, 3)")
     check_full_precision("points", points)
     if camera.dtype != points.dtype:
         raise ValueError(f"camera is {camera.dtype}, points are {points.dtype}: they must be of one type")
@@ -159,16 +150,15 @@ def pool_features(
     grids: Sequence[MapGrid],  # where the elements of each map are centred in the image
     pixels: Tensor,  # (B, N, 2) column and row, pixels, finite as those of `project_to_pixels`
 ) -> Tensor:  # (B, N, C): the features of one map after the other, C channels in all
-    """Interpolate feature maps bilinearly at image coordinates.
+    """Interpolate feature maps bilinearly at image coordinates; beyond the outermost elements, features are those of the border.
 
-    A feature belongs to the centre of its receptive field, which unpadded convolutions shift against the map: maps are
-    indexed by these centres, never by the ratio of widths. Beyond the outermost centres, features are those of the
-    nearest point on the border. Gradients flow to `pixels` as well, and are zero beyond the outermost centres.
+    A feature belongs to the centre of its receptive field, which unpadded convolutions shift against the map: maps are indexed by these
+    centres, never by the ratio of widths. Gradients flow to `pixels` as well, and are zero beyond the outermost centres.
     """
+    check_shape("pixels", pixels, "B", "N", 2)
     pooled = []
     for features, grid in zip(maps, grids, strict=True):
-        if features.ndim != 4 or pixels.ndim != 3 or len(features) != len(pixels) or pixels.shape[2] != 2:
-            raise ValueError(f"a map is {tuple(features.shape)} and pixels {tuple(pixels.shape)}: they must be (B, C, H, W) and (B, N, 2)")
+        check_shape("a map", features, len(pixels), "C", "H", "W")
         last = pixels.new_tensor([features.shape[3] - 1, features.shape[2] - 1])  # (2,) index of the last column and row
         index = (pixels - grid.start) / grid.jump
         normalised = 2 * index / last.clamp(min=1) - 1  # -1 and 1 are the outermost centres

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -11,23 +12,17 @@ from torch.nn import functional
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, MapGrid, pool_features, project_to_pixels
-from pipeline.kernels.networks.initial_weights import draw_weights
 from pipeline.kernels.networks.network_configurations import ImplicitConfig
 from pipeline.kernels.networks.touch_features import POINT_FEATURES, TOUCH_FEATURES, TouchPoints, heights_above_touches, touches_by_item
-from pipeline.kernels.tensor_checks import COLOURS
+from pipeline.kernels.tensors import COLOURS, draw_weights
 
-POOLED_SIDE = 4
-"""The deepest map is averaged in 4 x 4 windows, of which a linear layer makes the global features of an image."""
-INITIAL_OUTPUT_SCALE = 0.1  # share of their usual size that the last weights of each residual block begin with
-FINGER_DEPTH = 0.015
-"""m, as all lengths here beside an object that is scaled to 0.5 m: depth of the finger behind a touched point, where no object can be."""
-FOLLOWED_DEPTH = 0.004
-"""m below a touched point at which its tangent plane has a weight of 1/e: a thin object ends there."""
-LEAST_REACH, REACH_PER_ERROR = 0.001, 4.0
-"""m to which a touched point's tangent plane is followed where the network is right, and how much farther per metre of its error."""
+POOLED_SIDE = 4  # windows per side of the deepest map, of whose means a linear layer makes the global features of an image
+INITIAL_OUTPUT_SCALE = 0.1  # of the usual size of initial weights, for the last ones of each residual block
+FINGER_DEPTH = 0.015  # m beside an object of 0.5 m, as below: of the finger behind a touched point, where no object is
+FOLLOWED_DEPTH = 0.004  # m below a touched point at which its tangent plane weighs 1/e: a thin object ends there
+LEAST_REACH, REACH_PER_ERROR = 0.001, 4.0  # m to which a touch's plane is followed; how much farther per m of error
 SMALLEST_REACH = 1e-6  # m: below this reach no point is near a touch; squares of shares of it leave float32
-TANH_SLOPE = 0.05
-"""Slope that is added to the tanh of the predicted distances: a tanh alone is flat where most points are, and stops learning there."""
+TANH_SLOPE = 0.05  # added to the tanh of distances, which alone is flat where most points are, and stops learning there
 
 
 @dataclass(frozen=True)
@@ -46,8 +41,7 @@ class ImplicitNetwork(nn.Module):
 
     A query takes the image features at the pixel where it is seen (Saito et al., PIFu, 2019), which tell whether it is visibly free; the
     features of the touch nearest to it; and global features of the image and of all touches. A residual network predicts its distance.
-
-    `generator` draws the initial weights: equal generators give equal networks. Torch's own if None.
+    Equal generators of initial weights give equal networks.
     """
 
     def __init__(self, config: ImplicitConfig, generator: torch.Generator | None = None) -> None:
@@ -55,7 +49,7 @@ class ImplicitNetwork(nn.Module):
         self.config = config
         width, overall, inputs = config.features, config.features // 2, 3
         self.encoder: ImageEncoder | None = None
-        with torch.random.fork_rng(devices=[]):  # layers draw from torch's own generator; `_initialise` draws again from ours
+        with torch.random.fork_rng(devices=[]):  # layers draw from torch's own generator; weights are drawn again from ours
             if config.image is not None:
                 plan = ENCODER_PLANS[config.encoder_layers]
                 self.encoder = ImageEncoder(plan, config.encoder_kernel, config.encoder_norm, config.encoder_width)
@@ -68,44 +62,22 @@ class ImplicitNetwork(nn.Module):
             self.blocks = nn.ModuleList(
                 nn.Sequential(nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, width)) for _ in range(config.blocks)
             )
-        self._initialise(generator)
-
-    def _initialise(self, generator: torch.Generator | None) -> None:
         draw_weights(self, generator)
+        scaled = [weight for name, weight in self.blocks.named_parameters() if name.endswith("3.weight")]
         with torch.no_grad():
-            for weight in (
-                self.last.weight,
-                *(parameter for name, parameter in self.blocks.named_parameters() if name.endswith("3.weight")),
-            ):
+            for weight in (self.last.weight, *scaled):
                 weight.mul_(INITIAL_OUTPUT_SCALE)
 
-    def forward(
-        self,
-        queries: Tensor,  # (B, N, 3) world, m
-        *,
-        images: Tensor | None,
-        camera: Tensor | None,
-        touch_vertices: Tensor,
-        touched: Tensor,
-        counts: Sequence[int],
-    ) -> Tensor:  # (B, N) m, outside positive
-        """Predict signed distances; the other parameters are those of `encode`."""
-        code = self.encode(images=images, camera=camera, touch_vertices=touch_vertices, touched=touched, counts=counts)
-        return self.decode(code, queries)
+    def forward(self, queries: Tensor, **inputs: Any) -> Tensor:
+        """Predict the signed distances (B, N), m, of queries (B, N, 3), world, m, from the parameters of `encode`."""
+        return self.decode(self.encode(**inputs), queries)
 
     def encode(
-        self,
-        *,
-        images: Tensor | None,
-        camera: Tensor | None,
-        touch_vertices: Tensor,
-        touched: Tensor,
-        counts: Sequence[int],
+        self, *, images: Tensor | None, camera: Tensor | None, touch_vertices: Tensor, touched: Tensor, counts: Sequence[int]
     ) -> Encoding:
-        """Encode a batch of B items, once for all queries.
+        """Encode a batch of B items, once for all queries; parameters are those of `DeformationNetwork.forward`.
 
-        Parameters are those of `DeformationNetwork.forward`. Of a network that takes any image, items without one have
-        zeros for a camera.
+        Of a network that takes any image, items without one have zeros for a camera.
         """
         optional = self.config.image == "any"
         if ((images is not None) != (self.encoder is not None) and not optional) or (any(counts) and not self.config.touch):

@@ -1,4 +1,8 @@
-"""Depth from slopes: Poisson's equation by sine transforms, differentiable."""
+"""A small network that reads a tactile image pixel by pixel: slopes from colours, depth from slopes, contact from depth; and its loss.
+
+It sees a neighbourhood of 0.8 mm, so that it learns the meaning of colours and not the shapes of the training set. Depth is integrated from
+slopes by Poisson's equation with sine transforms. Photographs' drift, a smooth difference of light, is subtracted beforehand.
+"""
 
 import math
 from functools import lru_cache
@@ -9,22 +13,19 @@ from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits, interpolate, smooth_l1_loss
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.tensor_checks import COLOURS
-from pipeline.kernels.touch.calibrated_shading import powers
+from pipeline.kernels.arrays import check_shape
+from pipeline.kernels.tensors import COLOURS
+from pipeline.kernels.touch.calibrated_shading import polynomial_terms
 
 CHANGE_SCALE = 50.0  # levels of 255 that are scaled to 1 for the network: the usual change of colours in a contact
 CONTACT_FEATURES = 8  # features of the layers that find the contact
-DEPTH, IN_CONTACT, SLOPES, CONTACT = 4.0, 4.0, 8.0, 0.3
-"""Weight of the depth error, mm; additional weight of a pixel in the contact; weights of slopes and contact."""
-SMALL = 0.1
-"""Error of a slope below which its square counts. If small errors cost little, gentle slopes are read too steep, to make up for the depth
-that is lost at walls."""
+DEPTH, IN_CONTACT, SLOPES, CONTACT = 4.0, 4.0, 8.0, 0.3  # weights: depth, mm; more in the contact; slopes; contact
+SMALL = 0.1  # slope error below which its square counts, or gentle slopes are read too steep, for what walls lose
 STEEPEST = 4.0  # slope to which true slopes are clamped: colours do not show how steep a wall is
 SIDE = 40  # pixels per side to which changes are averaged: drift is smooth
-DEGREE = 2  # degree of the polynomial in the position: the contacts of one sensor are too small to be taken for drift
-SCALE = 4.0
-"""Levels, the usual size of the drift: pixels that differ from it by much more, as in contacts, hardly count."""
-ROUNDS = 12  # rounds of weighted least squares
+DEGREE = 2  # of the drift's polynomial: the contacts of one sensor are too small to be taken for drift
+SCALE = 4.0  # levels of usual drift: pixels that differ from it by much more, as in contacts, hardly count
+ROUNDS = 12  # of weighted least squares
 
 
 def integrate_slopes(
@@ -34,11 +35,9 @@ def integrate_slopes(
     """Compute the surface whose slopes are nearest, in the least-squares sense, to given ones.
 
     Between two pixels the surface rises by the mean of their slopes times the pitch. The normal equations of these differences are
-    Poisson's equation on the grid, which sine transforms make diagonal; these are products with matrices of at most a few hundred rows,
-    which cost less than fast transforms of both axes would.
+    Poisson's equation on the grid, which sine transforms make diagonal; as matrix products, they cost less than fast transforms here.
     """
-    if slopes.ndim != 4 or slopes.shape[1] != 2:
-        raise ValueError(f"slopes have shape {tuple(slopes.shape)}; they must be (B, 2, H, W)")
+    check_shape("slopes", slopes, "B", 2, "H", "W")
     rows, cols = slopes.shape[2:]
     (down, down_eigen), (across, across_eigen) = (_sines(count, slopes.dtype, slopes.device) for count in (rows, cols))
     divergence = _divergence(slopes[:, 0], -1) / pitch[1] + _divergence(slopes[:, 1], -2) / pitch[0]
@@ -81,8 +80,8 @@ class LocalShape(NamedTuple):
 class LocalNetwork(nn.Module):
     """Convolutions of 3 × 3, 3 × 3 dilated by 2, and 1 × 1 twice give slopes; their integral is the depth.
 
-    Depth alone does not tell contact, as the gel around an object is drawn in too: separate convolutions find it in
-    depth and slopes. `width` counts the features of the hidden layers; 20 make 6,500 parameters, 26 kB.
+    The gel around an object is drawn in too: separate convolutions find the contact in depth and slopes. `width` counts the features of
+    the hidden layers; 20 make 6,500 parameters, 26 kB.
     """
 
     def __init__(self, width: int = 20) -> None:
@@ -112,10 +111,10 @@ class LocalNetwork(nn.Module):
         pitch: tuple[float, float],  # size of a pixel along y and x, mm
         true_depth: Tensor | None = None,  # (B, H, W) mm, in training on windows of images
     ) -> LocalShape:
-        """Read slopes, depth and contact.
+        """Read slopes, depth and contact; the gradient of the contact's loss does not reach depth and slopes.
 
-        The integration assumes a depth of 0 at the rim, which a window does not have: the error of slopes is integrated
-        instead, with `true_depth`. Contact is read from depth and slopes; the gradient of its loss does not reach them.
+        The integration assumes a depth of 0 at the rim, which a window does not have: the error of slopes is integrated instead, with
+        `true_depth`.
         """
         slopes = self.slopes(change, position)
         if true_depth is None:
@@ -150,12 +149,8 @@ class GelState(NamedTuple):
     contact: Tensor  # (B, H, W) bool
 
 
-def local_loss(
-    shape: LocalShape,
-    truth: GelState,
-    pitch: tuple[float, float],  # size of a pixel along y and x, mm
-) -> Tensor:
-    """Compute the loss of a batch: a scalar, the mean over all pixels."""
+def local_loss(shape: LocalShape, truth: GelState, pitch: tuple[float, float]) -> Tensor:
+    """Compute the loss of a batch, a scalar: the mean over all pixels, of a pitch along y and x, mm."""
     if not bool(torch.isfinite(shape.slopes).all()):
         raise InvalidInput("the network reads NaN or infinite slopes: it has diverged; lower the learning rate")
     depth = ((shape.depth - truth.depth).abs() * (1 + IN_CONTACT * truth.contact)).mean()
@@ -167,8 +162,8 @@ def local_loss(
 def without_drift(change: Tensor) -> Tensor:
     """Subtract the drift from changes (B, 3, H, W), image minus untouched image, levels.
 
-    The drift is a polynomial of the position, fitted to the pixels without contact by iteratively reweighted least
-    squares from a drift of 0: a pixel r levels away weighs 1 / (1 + (r / SCALE)²)².
+    The drift is a polynomial of the position, fitted by iteratively reweighted least squares from a drift of 0: a pixel r levels away
+    weighs 1 / (1 + (r / SCALE)²)².
     """
     levels = interpolate(change, size=(SIDE, SIDE), mode="area").flatten(2).transpose(1, 2)  # (B, n, 3)
     terms = _terms(SIDE, SIDE, change.dtype, change.device)  # (n, k)
@@ -189,4 +184,4 @@ def _terms(rows: int, cols: int, dtype: torch.dtype, device: torch.device) -> Te
     """Make the terms of the polynomial at every pixel, (rows * cols, k)."""
     with torch.inference_mode(False):  # they are cached, and a training may follow in this process
         y, x = (2 * (torch.arange(count, dtype=dtype, device=device) + 0.5) / count - 1 for count in (rows, cols))
-        return torch.stack([(x[None] ** i * y[:, None] ** j).flatten() for i, j in powers(DEGREE)], dim=1)
+        return torch.stack([term.flatten() for term in polynomial_terms(x[None], y[:, None], DEGREE)], dim=1)

@@ -7,15 +7,14 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from pipeline.kernels.charts.touch_chart import MAX_SIDE
 from pipeline.kernels.charts.vision_charts import MAX_SPLITS
-from pipeline.kernels.geometry.normalise import DIAGONAL
+from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL
 
 Norm = Literal["batch", "instance", "group"]
 ImageKind = Literal["occluded", "unoccluded", "rendering", "any"]
 Seams = Literal["open", "tied"]
 TouchEdges = Literal["centres", "all"]
 
-RADIUS = DIAGONAL / 2
-"""m, of the ball that objects lie in, as networks see them. Lengths in settings of trainings are for these."""
+RADIUS = DIAGONAL / 2  # m, of the ball that objects lie in, as networks see them; settings of trainings are for these
 
 
 class NetworkInputs(BaseModel):

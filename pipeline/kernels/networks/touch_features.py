@@ -9,11 +9,9 @@ from torch import Tensor
 
 from pipeline.kernels.metrics.chamfer import SearchCloud, nearest_of_pairs
 
-NEAREST_POINT_FEATURES = 9
-"""Features of the nearest point: offset and normal, the height above its tangent plane, and how close it is, at two scales."""
-TOUCH_FEATURES = 2 * NEAREST_POINT_FEATURES
-"""Features per query: of the nearest point that was touched, and of the nearest one that is known to be outside."""
-POINT_FEATURES = 7  # numbers per point: position, normal, and whether it was touched
+NEAREST_POINT_FEATURES = 9  # offset, normal, height above the tangent plane, and how close the point is, at two scales
+TOUCH_FEATURES = 2 * NEAREST_POINT_FEATURES  # of the nearest point that was touched, and of the nearest known to be outside
+POINT_FEATURES = 7  # position, normal, and whether it was touched
 SCALES = (0.04, 0.2)  # radii of an object, 1 and 5 cm: closeness is exp(-distance / scale)
 
 
@@ -64,21 +62,15 @@ class TouchPoints:
 
 
 class NearestPoints:
-    """Search for the nearest among a subset of each item's points.
-
-    On a CPU a k-d tree per item is searched, on a GPU all pairs are compared. `points` are (B, P, 3), finite; `among`,
-    (B, P) bool, those that count.
-    """
+    """Search for the nearest among a subset (B, P) of each item's points (B, P, 3): by k-d trees, on a GPU by comparing all pairs."""
 
     def __init__(self, points: Tensor, among: Tensor) -> None:
         self.points, self.among = points, among
 
     def find(self, queries: Tensor) -> Tensor:
         """Find the nearest to each of the queries (B, N, 3): (B, N) int64 numbers of points; any number for an item without points."""
-        return self.find_in_trees(queries) if queries.device.type == "cpu" else nearest_of_pairs(queries, self.points, self.among)
-
-    def find_in_trees(self, queries: Tensor) -> Tensor:
-        """Find as `find`, one item after the other."""
+        if queries.device.type != "cpu":
+            return nearest_of_pairs(queries, self.points, self.among)
         nearest = torch.zeros(queries.shape[:2], dtype=torch.int64)
         for item, (numbers, cloud) in enumerate(self._trees):
             if cloud is not None:
@@ -99,9 +91,9 @@ def heights_above_touches(
     finger: float,  # depth of the finger above the plane, radii: height up to it adds nothing to the distance
     below: float,  # depth below the plane at which a height's weight is 1/e, radii: the object may be thin
 ) -> tuple[Tensor, Tensor]:  # heights (...), radii; weights (...)
-    """Compute the heights of queries above the tangent planes of the touched points nearest to them.
+    """Compute the heights of queries above the tangent planes of the nearest touched points; the object cannot be in the finger.
 
-    Weights are exp(-(distance / reach)⁴), zeros where nothing was touched. The object cannot be where the finger is.
+    Weights are exp(-(distance / reach)⁴), zeros where nothing was touched.
     """
     offset, normal, height = features[..., :3], features[..., 3:6], features[..., 6]
     across = offset.square().sum(dim=-1) - height.square()
@@ -110,10 +102,7 @@ def heights_above_touches(
 
 
 def chart_normals(vertices: Tensor) -> Tensor:
-    """Compute unit normals (T, S, 3), away from the object, at the vertices (T, S, 3) of touch charts.
-
-    The S = side² vertices are row by row, as `chart_square` has them. Normals are zeros where a chart has no area.
-    """
+    """Compute unit normals (T, S, 3), away from the object, at the vertices (T, S, 3) of touch charts; zeros without area."""
     side = round(vertices.shape[1] ** 0.5)
     if not len(vertices):
         return vertices
@@ -122,12 +111,8 @@ def chart_normals(vertices: Tensor) -> Tensor:
     return torch.nn.functional.normalize(across, dim=-1, eps=1e-20).reshape(vertices.shape)
 
 
-def touches_by_item(
-    vertices: Tensor,  # (T, S, 3) of all items' charts, radii from the centre
-    touched: Tensor,  # (T,) bool: whether each chart touched the object
-    counts: Sequence[int],  # charts of each of B items
-) -> TouchPoints:  # P is S times the most charts
-    """Group the touch charts of a batch by item."""
+def touches_by_item(vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> TouchPoints:  # P is S times the most charts
+    """Group the touch charts (T, S, 3), radii from the centre, of which some touched (T,), by item, with counts per item."""
     item = torch.repeat_interleave(torch.arange(len(counts)), torch.tensor(counts))
     place = torch.cat([torch.arange(0), *map(torch.arange, counts)])
     where = torch.stack([item, place]).to(vertices.device)

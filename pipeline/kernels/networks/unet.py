@@ -1,4 +1,4 @@
-"""The U-Net that turns a tactile image into a depth map (Table 5)."""
+"""The U-Net that turns a tactile image into a depth map (Table 5), contact masks and the losses on them (supplement 2.2)."""
 
 import math
 from fractions import Fraction
@@ -7,9 +7,9 @@ import torch
 from torch import Tensor, nn
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.arrays import WHITE
+from pipeline.kernels.arrays import WHITE, check_shape
 from pipeline.kernels.metrics.chamfer import chamfer
-from pipeline.kernels.tensor_checks import COLOURS, check_full_precision, check_intensities
+from pipeline.kernels.tensors import COLOURS, check_full_precision, check_intensities
 
 LEVELS = 4  # poolings on the way down, and deconvolutions on the way up
 MIN_SIDE = 2**LEVELS  # fewest pixels per side: with fewer, nothing is left after the last pooling
@@ -17,12 +17,11 @@ THRESHOLD = 0.001  # the supplement's: squared distance over colour, of images i
 
 
 class UNet(nn.Module):
-    """Table 5: 27 layers, 24,425,601 parameters at width 64.
+    """Table 5: 27 layers, 24,425,601 parameters at a `width`, the features of the first level, of 64; each level has twice as many.
 
-    Two convolutions and a pooling per level on the way down; a deconvolution, the level's own features and a
-    convolution on the way up. Where the table does not add up, layer (10) takes (9), and a deconvolution gives the size
-    of the features it meets: (18) goes from 12 to 25. `width` counts the features of the first level, 64 in the
-    supplement; each level has twice those of the one before.
+    Two convolutions and a pooling per level on the way down; a deconvolution, the level's own features and a convolution on the way up.
+    Where the table does not add up, layer (10) takes (9), and a deconvolution gives the size of the features it meets: (18) goes from
+    12 to 25.
     """
 
     def __init__(self, width: int = 64) -> None:
@@ -42,12 +41,10 @@ class UNet(nn.Module):
         self.head = nn.Conv2d(width, 1, 1)
 
     def forward(self, images: Tensor) -> Tensor:
-        """Predict the depth of each pixel of tactile images, (B, H, W), as a share of the gel's thickness w.
+        """Predict the depth of each pixel of tactile images (B, 3, H, W) in [0, 1]: (B, H, W), as a share of the gel's thickness w.
 
-        Images (B, 3, H, W) are in [0, 1], of the parameters' type and device; H and W are at least 16. Shares are in
-        [0, 1]: times w they are D, the distance from the sensor plane. In evaluation on a CPU, with initial weights,
-        float32 errs by at most 1e-6, bfloat16 under autocast by 1e-3 (7 µm of 6.8 mm). In training, batch normalisation
-        refuses a single value per channel, as for one image of less than 32 pixels per side.
+        Times w they are D. In evaluation on a CPU, with initial weights, float32 errs by at most 1e-6, bfloat16 under autocast by 1e-3
+        (7 µm of 6.8 mm). In training, batch normalisation refuses a single value per channel, as for one image of less than 32 pixels.
         """
         self._check(images)
         features, skips = images, []
@@ -62,18 +59,15 @@ class UNet(nn.Module):
         return torch.sigmoid(logits[:, 0])
 
     def _check(self, images: Tensor) -> None:
-        if images.ndim != 4 or images.shape[1] != COLOURS:
-            raise ValueError(f"images have shape {tuple(images.shape)}; the U-Net takes (B, {COLOURS}, H, W)")
+        check_shape("images", images, "B", COLOURS, "H", "W")
         batch, _, rows, cols = images.shape
         if min(rows, cols) < MIN_SIDE:
             raise InvalidInput(f"images of {rows} x {cols} pixels; {LEVELS} poolings need at least {MIN_SIDE} per side")
         check_full_precision("a U-Net with parameters", self.head.weight)
         check_intensities("images", images)
         if self.training and batch * (rows // MIN_SIDE) * (cols // MIN_SIDE) < 2:
-            raise InvalidInput(
-                f"{batch} image of {rows} x {cols} pixels has one value per channel at the lowest level, which batch normalisation "
-                "cannot train on; take a batch of 2 or more, or .eval()"
-            )
+            image = f"{batch} image of {rows} x {cols} pixels has one value per channel at the lowest level"
+            raise InvalidInput(f"{image}, which batch normalisation cannot train on; take a batch of 2 or more, or .eval()")
 
 
 def _convolution(before: int, after: int, kernel: int) -> nn.Sequential:
@@ -88,30 +82,23 @@ def contact_mask(
     untouched: Tensor,  # (H, W, 3) uint8 image of the same sensor with nothing on it, on the same device
     threshold: float = THRESHOLD,  # in squared intensities
 ) -> Tensor:  # (..., H, W) bool
-    """Find the pixels that touched: those whose squared l2 difference over colour exceeds the threshold.
+    """Find the pixels that touched: those whose squared l2 difference over colour, compared as integers, exceeds the threshold.
 
-    Differences are compared as integers, without rounding. The norm is squared: without the square, the quantisation to
-    8 bits alone exceeds the supplement's 0.001.
+    The norm is squared: without the square, the quantisation to 8 bits alone exceeds the supplement's 0.001.
     """
     if images.ndim < 3 or untouched.ndim != 3 or images.shape[-3:] != untouched.shape or untouched.shape[-1] != COLOURS:
-        raise ValueError(
-            f"images of shape {tuple(images.shape)}, untouched {tuple(untouched.shape)}; they must be (..., H, W, 3) and (H, W, 3)"
-        )
+        shapes = f"images of shape {tuple(images.shape)}, untouched {tuple(untouched.shape)}"
+        raise ValueError(f"{shapes}; they must be (..., H, W, 3) and (H, W, 3)")
     if images.dtype != torch.uint8 or untouched.dtype != torch.uint8:
-        raise ValueError(
-            f"images are {images.dtype}, untouched is {untouched.dtype}; tactile images are compared as they are stored, uint8"
-        )
+        raise ValueError(f"images are {images.dtype}, untouched is {untouched.dtype}; tactile images are compared as uint8")
     if not 0 <= threshold <= COLOURS:
         raise ValueError(f"threshold {threshold}; it must be between 0 and {COLOURS}, the squared distance of black and white")
     difference = images.to(torch.int32) - untouched.to(torch.int32)
     return difference.square().sum(dim=-1) > math.floor(Fraction(threshold) * WHITE**2)  # a float would be rounded
 
 
-def visible_depth(
-    depth: Tensor,  # (..., H, W) D, m, +inf where nothing is met
-    gel: float | Tensor,  # w, the gel's thickness, m; (H, W), its height at each pixel, where it is curved
-) -> Tensor:  # of the shape and type of `depth`
-    """Clamp depths to what a tactile image can show, min(D, w): it is a function of ReLU(w - D) alone (equation 1)."""
+def visible_depth(depth: Tensor, gel: float | Tensor) -> Tensor:  # of the shape and type of `depth`
+    """Clamp depths D (..., H, W), m, to what an image shows, min(D, w); w is a number, or (H, W) where the gel is curved."""
     if not bool((depth > -math.inf).all()):
         raise InvalidInput("depth holds NaN or -inf; where nothing is met it must be +inf")
     return depth.minimum(torch.as_tensor(gel, dtype=depth.dtype, device=depth.device))
@@ -125,10 +112,9 @@ def masked_depth_loss(
     width: float,  # of the sensor plane, m
     gel: float | Tensor,  # the gel's thickness w, m, to which true depths are clamped; (H, W) where the gel is curved
 ) -> Tensor:  # a scalar in sensor widths squared, of `predicted`'s type, differentiable in it
-    """Compute the mean over the batch of each touch's mean squared depth error over its masked pixels.
+    """Compute the mean over touches of the mean squared depth error over their masked pixels, 0 where there are none.
 
-    A touch whose mask is empty has loss 0 and gradient 0. In float32 the loss's root errs by less than 1e-6 of itself
-    and 3e-7 sensor widths (5 nm).
+    In float32 the loss's root errs by less than 1e-6 of itself and 3e-7 sensor widths (5 nm).
     """
     _check(predicted, depth, mask)
     error = torch.where(mask, predicted - visible_depth(depth, gel).to(predicted.dtype), 0) / width  # (B, H, W)
@@ -137,18 +123,11 @@ def masked_depth_loss(
 
 
 def projected_chamfer_loss(
-    predicted: Tensor,
-    depth: Tensor,
-    mask: Tensor,
-    *,
-    width: float,
-    gel: float | Tensor,
-    aspect: float = 1.0,  # the sensor's height over its width
+    predicted: Tensor, depth: Tensor, mask: Tensor, *, width: float, gel: float | Tensor, aspect: float = 1.0
 ) -> Tensor:
-    """Compute the mean over the batch of the Chamfer distance between predicted and true local points.
+    """Compute the mean over touches of the Chamfer distance between predicted and true points of masked pixels, sensor frame.
 
-    A masked pixel is the point (x, y, D) of the sensor frame; a touch whose mask is empty has loss 0. Other parameters
-    and the result are those of `masked_depth_loss`.
+    `aspect` is the sensor's height over its width; otherwise as `masked_depth_loss`.
     """
     _check(predicted, depth, mask)
     true = visible_depth(depth, gel).to(predicted.dtype)
@@ -176,7 +155,5 @@ def _check(predicted: Tensor, depth: Tensor, mask: Tensor) -> None:
         raise ValueError(f"predicted is {predicted.dtype}, depth {depth.dtype}, mask {mask.dtype}; they must be floating, floating, bool")
     check_full_precision("predicted depth", predicted)
     if count := int((~torch.isfinite(predicted)).flatten(1).any(dim=1).sum()):
-        raise InvalidInput(
-            f"predicted depth holds infinity or NaN in {count} of {len(predicted)} touches: the network has diverged; lower the learning "
-            "rate"
-        )
+        touches = f"{count} of {len(predicted)} touches"
+        raise InvalidInput(f"predicted depth holds infinity or NaN in {touches}: the network has diverged; lower the learning rate")

@@ -60,21 +60,13 @@ def _sweep(image: Array, shift: float, drop: float, shade: Array) -> None:
             edge[i] = near[i] + share * (far[i] - near[i]) - drop
 
 
-def calibrated_change(
-    pressed: Array,  # (rows, cols) the impression D', m
-    sensor: Sensor,
-    calibration: Calibration,
-) -> Array:  # (rows, cols, 3) levels of 255
-    """Compute the change of colours that an impression makes; 0 where the gel stays flat and lit."""
+def calibrated_change(pressed: Array, sensor: Sensor, calibration: Calibration) -> Array:  # (rows, cols, 3) levels
+    """Compute the change of colours that an impression D' (rows, cols), m, makes."""
     return indentation_change(gel_under(pressed, sensor).indentation, sensor, calibration)
 
 
-def indentation_change(
-    bump: Array,  # (rows, cols) how far the gel's surface lies below its rest, m
-    sensor: Sensor,
-    calibration: Calibration,
-) -> Array:  # (rows, cols, 3) levels of 255
-    """Compute the change of colours of a gel whose surface is known; 0 where it stays flat and lit."""
+def indentation_change(bump: Array, sensor: Sensor, calibration: Calibration) -> Array:  # (rows, cols, 3) levels
+    """Compute the change of colours of a gel that lies below its rest by `bump` (rows, cols), m; 0 where it stays flat and lit."""
     change = np.zeros((*sensor.shape, 3))
     casting = np.minimum(bump, calibration.deepest)
     if bump.any():
@@ -86,7 +78,7 @@ def indentation_change(
         _shade(bump, casting, sensor.pitch, x, y, shading, degrees, calibration.steepest, change)
     for shadow in calibration.shadows if bump.any() else ():
         depth = shade_depth(casting, sensor.pitch, direction=np.deg2rad(shadow.direction), slope=shadow.slope)
-        _darken(np.ascontiguousarray(depth), MM * np.array(shadow.gain), change)
+        change += depth[:, :, None] * (MM * np.array(shadow.gain))
     return change
 
 
@@ -118,17 +110,6 @@ def powers(degree: int) -> list[tuple[int, int]]:
 def polynomial_terms(x: Any, y: Any, degree: int) -> list[Any]:
     """Compute the terms of a polynomial of two arrays or tensors, in the order of `powers`."""
     return [x**i * y**j for i, j in powers(degree)]
-
-
-@compiled
-def _darken(depth: Array, gain: Array, change: Array) -> None:
-    """Add the change of colours in the shade: `gain` (3,) levels per m of `depth`."""
-    rows, cols = depth.shape
-    for row in range(rows):
-        for col in range(cols):
-            if depth[row, col] > 0:
-                for channel in range(3):
-                    change[row, col, channel] += depth[row, col] * gain[channel]
 
 
 @compiled

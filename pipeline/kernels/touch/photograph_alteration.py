@@ -6,7 +6,6 @@ Valid range: photographs of which a press covers less than half. One that covers
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import permutations, product
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +24,7 @@ HUES = np.exp(2j * np.pi * np.arange(3) / 3)  # red, green and blue on the colou
 ROUNDS = 10  # of weighted least squares
 LUMA = np.array([0.299, 0.587, 0.114])  # shares of red, green and blue in a grey level
 
-Orientation = Literal[
-    "upright", "turned by 180°", "mirrored left to right", "mirrored top to bottom", "turned by 90°", "turned by 270°", "transposed",
-    "turned by 180° and transposed",
-]  # fmt: skip
-ORIENTATIONS: tuple[Orientation, ...] = get_args(Orientation)
-_TURNED: dict[Orientation, Callable[[Array], Array]] = {
+_TURNED: dict[str, Callable[[Array], Array]] = {
     "upright": lambda cells: cells,
     "turned by 180°": lambda cells: cells[::-1, ::-1],
     "mirrored left to right": lambda cells: cells[:, ::-1],
@@ -40,6 +34,7 @@ _TURNED: dict[Orientation, Callable[[Array], Array]] = {
     "transposed": lambda cells: cells.swapaxes(0, 1),
     "turned by 180° and transposed": lambda cells: cells.swapaxes(0, 1)[::-1, ::-1],
 }
+ORIENTATIONS = tuple(_TURNED)
 COLOURS = ("RGB", "BGR", "grey", *("".join(order) for order in permutations("RGB") if "".join(order) not in ("RGB", "BGR")))
 """Which colours of the reference are a photograph's red, green and blue."""
 
@@ -49,7 +44,7 @@ class Alteration:
     """How a photograph is made from its reference. Differences are medians over cells, in levels."""
 
     colours: str  # one of `COLOURS`
-    orientation: Orientation  # how the reference is turned
+    orientation: str  # how the reference is turned
     gain: float  # brightness over the reference's
     gains: tuple[float, float, float]  # the same of red, green and blue
     unscaled: float  # difference from the altered reference as it is,
@@ -119,20 +114,20 @@ def cell_means(image: NDArray[np.uint8]) -> Array:
     return sums / SAMPLES**2
 
 
-def _rank(kind: tuple[str, Orientation]) -> tuple[int, int]:
+def _rank(kind: tuple[str, str]) -> tuple[int, int]:
     """Order alterations by how likely they are: one change before two, and orders of colours that no program writes last."""
     colours, orientation = COLOURS.index(kind[0]), ORIENTATIONS.index(kind[1])
     return min(colours, 1) + (colours > 2) + (orientation % 4 > 0), colours + orientation
 
 
-def _altered(reference: Array, colours: str, orientation: Orientation) -> Array:
+def _altered(reference: Array, colours: str, orientation: str) -> Array:
     turned = _TURNED[orientation](reference)
     if colours == "grey":
         return np.repeat((turned @ LUMA)[..., None], 3, axis=2)
     return turned[..., ["RGB".index(colour) for colour in colours]]
 
 
-def _compare(cells: Array, reference: Array, colours: str, orientation: Orientation) -> Alteration:
+def _compare(cells: Array, reference: Array, colours: str, orientation: str) -> Alteration:
     altered = _altered(reference, colours, orientation)
     gain, gains = _gain(cells, altered), _gains(cells, altered)
     unscaled, difference, balanced = (_difference(cells, altered, scale) for scale in (np.ones(1), gain, gains))

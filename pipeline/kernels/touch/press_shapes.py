@@ -216,20 +216,8 @@ def _outside(x: Array, y: Array, draw: ShapeDraw) -> Array:
     return np.asarray(np.max(sides, axis=0))
 
 
-SHAPES: Mapping[str, Callable[[Array, Array, ShapeDraw], Array]] = {
-    "ball": _ball,
-    "ellipsoid": _ellipsoid,
-    "cone": _cone,
-    "cylinder": _cylinder,
-    "prism": _prism,
-    "pyramid": _pyramid,
-    "post": _post,
-    "edge": _edge,
-    "ring": _ring,
-    "bumps": _bumps,
-    "stairs": _stairs,
-    "relief": _relief,
-}
+_MAKERS = (_ball, _ellipsoid, _cone, _cylinder, _prism, _pyramid, _post, _edge, _ring, _bumps, _stairs, _relief)
+SHAPES: Mapping[str, Callable[[Array, Array, ShapeDraw], Array]] = {maker.__name__[1:]: maker for maker in _MAKERS}
 """The shapes of random presses by name: each makes a relief (rows, cols), m, from the positions of pixels in its own frame, m."""
 
 

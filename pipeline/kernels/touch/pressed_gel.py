@@ -14,13 +14,11 @@ from pipeline.kernels.touch.sensor import Sensor
 PASSES = 2  # passes of the exponential filter along each axis: with two its response is nearly round
 
 
-def membrane_indentation(
-    pressed: Array,  # (rows, cols) the impression D', m
-    sigma: tuple[float, float],  # standard deviation of the smoothing along y and x, pixels, > 0
-) -> Array:  # (rows, cols) m
+def membrane_indentation(pressed: Array, sigma: tuple[float, float]) -> Array:  # (rows, cols) m
     """Compute the indentation of the membrane in and around a contact: the larger of D' and of D' smoothed.
 
-    Smoothing is a recursive two-sided exponential filter, `PASSES` times along each axis; the gel is flat beyond the image.
+    Smoothing, of a standard deviation along y and x, pixels, is a recursive two-sided exponential filter, `PASSES` times along each axis;
+    the gel is flat beyond the image.
     """
     smooth = np.ascontiguousarray(pressed).copy()
     decays = [math.exp(-math.sqrt(2 * PASSES) / pixels) for pixels in sigma]

@@ -85,31 +85,23 @@ def tactile_image(
     return render_gel(press_gel(depth, sensor).indentation, sensor, rng)
 
 
-def render_gel(
-    indentation: Array,  # (rows, cols) m: how deep the surface lies below its rest, from `press_gel`
-    sensor: Sensor,
-    rng: np.random.Generator | None = None,  # as in `tactile_image`
-) -> NDArray[np.uint8]:  # (rows, cols, 3)
-    """Compute the tactile image of a gel whose surface is known."""
+def render_gel(indentation: Array, sensor: Sensor, rng: np.random.Generator | None = None) -> NDArray[np.uint8]:
+    """Compute the tactile image (rows, cols, 3) of a gel that lies below its rest by an indentation (rows, cols), m."""
     if sensor.calibrated is None:
         image: NDArray[Any] = _lamp_image(indentation, sensor)
     else:
         image = background(sensor, sensor.calibrated) + indentation_change(indentation, sensor, sensor.calibrated)
     if rng is not None and sensor.noise != "none":
         image = image + rng.normal(0.0, sensor.noise, image.shape)
-    return image if image.dtype == np.uint8 else _levels(image)
-
-
-def _levels(image: Array) -> NDArray[np.uint8]:
-    levels = np.empty(image.shape, np.uint8)
-    _round(np.ascontiguousarray(image).reshape(-1), levels.reshape(-1))
-    return levels
+    return image if image.dtype == np.uint8 else _levels(np.ascontiguousarray(image))
 
 
 @compiled
-def _round(image: Array, levels: NDArray[np.uint8]) -> None:
-    for i in range(len(image)):
-        levels[i] = np.uint8(np.rint(min(max(image[i], 0.0), float(WHITE))))
+def _levels(image: Array) -> NDArray[np.uint8]:
+    levels = np.empty(image.size, np.uint8)
+    for i, value in enumerate(image.flat):
+        levels[i] = np.uint8(np.rint(min(max(value, 0.0), float(WHITE))))
+    return levels.reshape(image.shape)
 
 
 def untouched_image(sensor: Sensor) -> NDArray[np.uint8]:  # (rows, cols, 3) red, green, blue

@@ -1,8 +1,8 @@
-"""A pinhole camera: its pose, its projection matrix, and the projection of world points.
+"""A pinhole camera: its pose, its projection matrix, the projection of world points; and the cameras of 3D-R2N2's renderings.
 
-Image coordinates are (column, row) in pixels from the image's top left corner: the centre of pixel (row, col) is (col +
-1/2, row + 1/2). Valid range: cameras and points within 100 m of the origin, at least 1 mm apart. Image coordinates are
-then right to 1e-9 pixels.
+Image coordinates are (column, row) in pixels from the image's top left corner: the centre of pixel (row, col) is (col + 1/2, row + 1/2).
+
+Valid range: cameras and points within 100 m of the origin, at least 1 mm apart. Image coordinates are then right to 1e-9 pixels.
 """
 
 from dataclasses import dataclass
@@ -21,9 +21,8 @@ Focal = Annotated[float, Field(ge=1e-3, le=1e6)]
 Vector = tuple[float, float, float]
 
 MAX_RESOLUTION = 8192  # pixels per side of an image: graphics libraries draw no larger ones
-FOCAL, SENSOR = 35.0, 32.0
-"""mm: focal length and width of the renderings' camera. The field of view in the metadata was not rendered with."""
-FARTHEST = 1.75  # distance of the camera from the origin where the distance ratio is 1, units of the file
+FOCAL, SENSOR = 35.0, 32.0  # mm, of the renderings' camera: focal length, width; not the metadata's field of view
+FARTHEST = 1.75  # distance of the renderings' camera from the origin where the ratio is 1, units of the file
 
 
 class Camera(BaseModel):
@@ -67,22 +66,18 @@ def camera_pose(camera: Camera) -> Array:  # (4, 4)
     return pose
 
 
-def projection_matrix(camera: Camera) -> Array:  # (3, 4)
-    """Compute the matrix M that projects world points, m, to pixels.
+def projection_matrix(camera: Camera) -> Array:
+    """Compute the matrix M (3, 4) that projects world points, m, to pixels.
 
-    (u w, v w, w) = M (x, y, z, 1), u along columns, v along rows; w is the distance along the viewing direction, m. Points with
-    w <= 0 lie behind the camera.
+    (u w, v w, w) = M (x, y, z, 1), u along columns, v along rows; w is the distance along the viewing direction, m, > 0 ahead.
     """
     intrinsic = np.array([[camera.focal[0], 0, camera.centre[0]], [0, camera.focal[1], camera.centre[1]], [0, 0, 1.0]])
     to_camera = invert_pose(camera_pose(camera))[:3]  # (3, 4), y up and z backwards
     return compose(intrinsic * [1.0, -1.0, -1.0], to_camera)
 
 
-def project_points(
-    matrix: Array,  # (3, 4) from `projection_matrix`
-    points: Floats,  # (..., 3) world, m, finite
-) -> Array:  # (..., 2) (column, row), pixels
-    """Project world points to image coordinates; NaN for points at or behind the camera."""
+def project_points(matrix: Array, points: Floats) -> Array:  # (..., 2) (column, row), pixels
+    """Project world points (..., 3), m, by a projection matrix (3, 4); NaN for points at or behind the camera."""
     if not np.isfinite(points).all():
         raise ValueError("points hold NaN or infinity; drop them before projecting")
     homogeneous = np.asarray(points, np.float64) @ matrix[:, :3].T + matrix[:, 3]  # (..., 3)
@@ -91,10 +86,7 @@ def project_points(
 
 
 def look_at(camera: Camera, position: Vector, target: Vector) -> Camera:
-    """Move a camera to a position and point it at a target, both world, m, without roll (the world's z is up).
-
-    A target straight above or below the position is refused: "without roll" means nothing there.
-    """
+    """Move a camera to a position and point it at a target, both world, m, without roll (the world's z is up)."""
     if not np.isfinite([position, target]).all():
         raise ValueError(f"camera position {position} and target {target} must be finite")
     backward = np.subtract(position, target)
@@ -108,7 +100,10 @@ def look_at(camera: Camera, position: Vector, target: Vector) -> Camera:
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Where a rendering was made from: a line of `rendering_metadata.txt`."""
+    """Where a rendering of 3D-R2N2 was made from: a line of `rendering_metadata.txt`.
+
+    Renderings are Blender's, of ShapeNetCore meshes as their files have them: y up, about the origin, in units of the file.
+    """
 
     azimuth: float  # degrees; 0 is +x, 90 is +z
     elevation: float  # degrees; 90 is straight above
@@ -116,14 +111,10 @@ class Viewpoint:
     distance: float  # over `FARTHEST`
 
 
-def viewpoint_camera(
-    viewpoint: Viewpoint,
-    resolution: int,  # pixels per side
-) -> Array:  # (3, 4)
-    """Compute the projection matrix of a rendering, whose camera looks at the origin, without roll.
+def viewpoint_camera(viewpoint: Viewpoint, resolution: int) -> Array:
+    """Compute the projection matrix (3, 4) of a rendering, whose camera looks at the origin, without roll.
 
-    It takes homogeneous points of the mesh file (y up, its units) to (column, row, 1) times depth; pixel centres at
-    1/2. Depth is in units of the file.
+    It takes homogeneous points of the mesh file (y up, its units) to (column, row, 1) times depth, in units of the file.
     """
     a, e = np.deg2rad([viewpoint.azimuth, viewpoint.elevation])
     backward = np.array([np.cos(a) * np.cos(e), np.sin(e), np.sin(a) * np.cos(e)])  # from the origin to the camera
@@ -136,9 +127,9 @@ def viewpoint_camera(
     return compose(intrinsic, to_camera)
 
 
-def placed_camera(
-    camera: Array,  # (3, 4) points of the mesh file to pixels
-    placement: Array,  # (4, 4) points of the mesh file to the world: turned, scaled by one factor, moved
-) -> Array:  # (3, 4) world points, m, to pixels; its depth is in m
-    """Compute the projection matrix that shows a placed object as a camera shows its file."""
+def placed_camera(camera: Array, placement: Array) -> Array:
+    """Compute the projection matrix (3, 4) that shows a placed object, m, as a camera (3, 4) shows its file.
+
+    `placement` (4, 4) takes points of the file to the world: turned, scaled by one factor, moved.
+    """
     return length(placement[:3, 0]) * compose(camera, invert_similarity(placement))

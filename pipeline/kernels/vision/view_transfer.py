@@ -1,4 +1,9 @@
-"""Find the background of an image: it has the colour of most of the border."""
+"""Images as another camera would have taken them from the same position, their background, and cameras moved between positions.
+
+Projection matrices are those of `projection_matrix`: world, m, to (column, row) in pixels, pixel centres at ½.
+
+Valid range: cameras within 1 km of the origin, at least 1 mm from the point they look at.
+"""
 
 from typing import Any, NamedTuple
 
@@ -10,14 +15,13 @@ from scipy.ndimage import gaussian_filter
 from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.geometry.transforms import compose, invert_similarity, length, solve_3x3, unit_vectors
 
-ALIKE = 6  # levels of 255 in each colour by which a pixel of the background differs at most from the image's border
+ALIKE = 6  # levels of 255 in each colour by which the background differs at most from the image's border
 UNCHANGED = 1e-3  # largest shift, pixels, at which an image is not resampled
-OVERHEAD = 1e-3
-"""Cosine of the elevation below which a camera is straight above or below, and its image's top tells its azimuth."""
+OVERHEAD = 1e-3  # cosine of the elevation below which a camera is straight above or below; its image's top is its azimuth
 
 
 def foreground(image: NDArray[np.uint8]) -> Mask:
-    """Find the pixels of an image, (rows, cols, 3), that do not have the colour of most of its border: (rows, cols) bool."""
+    """Find the pixels of an image (rows, cols, 3) that do not have the colour of most of its border: (rows, cols)."""
     return np.asarray((np.abs(image - np.median(border(image), axis=0)) > ALIKE).any(axis=2))
 
 
@@ -45,12 +49,10 @@ def optical_centre(matrix: Array) -> Array:
     return -solve_3x3(matrix[:, :3], matrix[:, 3])
 
 
-def split_projection(
-    matrix: Array,  # (3, 4), whose third row measures depth in m
-) -> tuple[Array, Array]:  # (3, 3), (3, 3)
-    """Split a projection matrix without skew into intrinsic matrix and rotation from world to camera.
+def split_projection(matrix: Array) -> tuple[Array, Array]:  # (3, 3), (3, 3)
+    """Split a projection matrix (3, 4) without skew, whose third row measures depth in m, into intrinsic matrix and rotation.
 
-    The camera's axes are x right, y down, z forward.
+    The rotation is from world to camera, whose axes are x right, y down, z forward.
     """
     forward = matrix[2, :3]
     centre = matrix[:2, :3] @ forward  # column and row of the principal point
@@ -80,16 +82,14 @@ def moved_projection(projection: Array, motion: Array) -> Array:
     return np.asarray(moved / np.linalg.norm(moved[2, :3]))
 
 
-def carried_camera(
-    training: Array,  # (3, 4) projection matrix
-    real: Array,  # (3, 4) projection matrix
-    target: Array,  # (3,) middle of the object, world, m
-) -> Array:  # (3, 4) projection matrix
-    """Move the training camera to a real camera's position, and turn and zoom it so that it shows the target as in training.
+def carried_camera(training: Array, real: Array, target: Array) -> Array:
+    """Move a training camera to a real camera's position, and turn and zoom it so that it shows the target as in training.
 
-    It gets the real one's optical centre. The target is at the same pixel as in training, is as large there, and the
-    world's up has the same direction. R = R_training Lᵀ(training) L(real), where L are the axes of a camera without
-    roll that looks at the target. The focal lengths grow by the ratio of the distances about the target's pixel.
+    Cameras are projection matrices (3, 4), the target is the object's middle (3,), world, m. It is at the same pixel as in training, as
+    large, and the world's up has the same direction there.
+
+    R = R_training Lᵀ(training) L(real), where L are the axes of a camera without roll that looks at the target. The focal lengths grow by
+    the ratio of the distances about the target's pixel.
     """
     intrinsic, rotation = split_projection(training)
     training_direction, real_direction = (camera_direction(matrix, target) for matrix in (training, real))
@@ -117,10 +117,9 @@ def transfer_view(
     shape: tuple[int, int],  # rows and columns of the other camera's image
     fill: tuple[int, int, int],  # sRGB of pixels that the image does not show
 ) -> tuple[NDArray[np.uint8], float]:  # the other camera's image, and the share of it that the image shows
-    """Resample an image as another camera with the same optical centre would have taken it.
+    """Resample an image as another camera with the same optical centre would have taken it; one that shrinks is smoothed first.
 
-    An image that would move by less than `UNCHANGED` is returned as it is; one that shrinks is smoothed first. The
-    homography is M_real M_other⁻¹, of the first three columns; it is exact where the optical centres are equal.
+    The homography is M_real M_other⁻¹, of the first three columns. An image that would move by less than `UNCHANGED` is returned.
     """
     to_image = real[:, :3] @ np.linalg.inv(other[:, :3])
     corners = np.array([[0, 0, 1], [shape[1], 0, 1], [0, shape[0], 1], [shape[1], shape[0], 1.0]]).T

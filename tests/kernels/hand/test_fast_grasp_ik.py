@@ -7,9 +7,8 @@ from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.collision_shapes import collision_spheres
-from pipeline.kernels.hand.distance_field import DistanceField, build_distance_field
+from pipeline.kernels.hand.distance_field import DistanceField, build_distance_field, finger_clearance
 from pipeline.kernels.hand.grasp_ik import GraspIk, grasp_ik, prepare_grasp_ik
-from pipeline.kernels.hand.object_distances import finger_clearance
 from pipeline.kernels.hand.pregrasp import tangent_palm_pose
 from tests.kernels.hand.meshes import bar, mug, points_on
 from tests.references.slow_grasp_ik import slow_clearance, slow_grasp_ik
@@ -48,7 +47,7 @@ def test_postures_equal_the_slow_twin(ik: GraspIk, field: DistanceField) -> None
 
 
 def test_clearance_is_exact_down_to_the_floor(ik: GraspIk, field: DistanceField) -> None:
-    frames = np.concatenate([pose @ ik.frames[:20] for pose in poses_around(ik, Mesh.bare(field.vertices, field.faces), 3)])
+    frames = np.concatenate([pose @ ik.postures.frames[:20] for pose in poses_around(ik, Mesh.bare(field.vertices, field.faces), 3)])
     exact = slow_clearance(ik, field, frames)
     np.testing.assert_array_equal(finger_clearance(field, ik.fingers, frames), exact)
     floor = float(np.median(exact))

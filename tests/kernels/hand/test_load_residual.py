@@ -6,13 +6,13 @@ from scipy.optimize import lsq_linear
 
 from pipeline.kernels.hand.load_residual import (
     CONTACT_RADIUS,
-    EDGES,
+    HEXAGON,
     LEVER,
     MAX_FORCE,
-    NO_LOAD,
+    NO_SUPPORT,
     RESIDUAL_STEP,
-    Load,
-    lightest_grasp,
+    Support,
+    best_supporting_grasp,
     load_residual,
 )
 
@@ -28,7 +28,7 @@ def slow_residual(points: np.ndarray, normals: np.ndarray, friction: float) -> f
     for point, normal in zip(points, normals, strict=True):
         first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
         first /= np.linalg.norm(first)
-        for angle in np.arange(EDGES) * 2 * np.pi / EDGES:
+        for angle in np.arange(len(HEXAGON)) * 2 * np.pi / len(HEXAGON):
             force = normal + friction * (np.cos(angle) * first + np.sin(angle) * np.cross(first, normal))
             columns.append([*force, *np.cross(point, force) / LEVER])
         for sign in (1, -1):
@@ -58,16 +58,6 @@ def test_residuals_equal_bounded_least_squares(rng: np.random.Generator, frictio
         assert residual(points, normals, friction) == pytest.approx(slow_residual(points, normals, friction), abs=1e-3)
 
 
-def test_forces_are_bounded() -> None:
-    """Two normals nearly opposed: across them, all their forces together carry a part of the weight, by sixteen equal wrenches."""
-    tilt = 2e-3
-    normals = np.array([[np.cos(tilt), np.sin(tilt), 0.0], [-np.cos(tilt), np.sin(tilt), 0.0]])
-    carried = 2 * (EDGES + 2) * MAX_FORCE * np.sin(tilt)
-    assert 0.1 < carried < 0.9
-    left = np.array([0.0, 0.0, 1.0, 1.0 - carried, 1.0, 1.0])  # along ± x, ± y and ± z
-    assert residual(np.zeros((2, 3)), normals, 0.0) == pytest.approx(np.sqrt(np.mean(left**2)), abs=1e-6)
-
-
 @pytest.mark.parametrize("friction", [0.3, 0.5, 1.0])
 def test_lightest_grasp_is_that_of_all_residuals(rng: np.random.Generator, friction: float) -> None:
     """Grasps that cannot win are skipped, which does not change the choice."""
@@ -80,10 +70,10 @@ def test_lightest_grasp_is_that_of_all_residuals(rng: np.random.Generator, frict
             for own, there in zip(outward, touching, strict=True)
         ]
         best = min(range(count), key=loads.__getitem__)
-        number, load = lightest_grasp(0.04 * outward, -outward, touching, friction, NO_LOAD)
+        number, load = best_supporting_grasp(0.04 * outward, -outward, touching, friction, NO_SUPPORT)
         assert (number, load) == (best, (loads[best][0], -loads[best][1]))
-        assert lightest_grasp(0.04 * outward, -outward, touching, friction, load) == (-1, load)
+        assert best_supporting_grasp(0.04 * outward, -outward, touching, friction, load) == (-1, load)
         steps, touches = load
-        assert lightest_grasp(0.04 * outward, -outward, touching, friction, Load(steps, touches - 1)) == (best, load)
+        assert best_supporting_grasp(0.04 * outward, -outward, touching, friction, Support(steps, touches - 1)) == (best, load)
         wins += best > 0
     assert wins

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pipeline.kernels.arrays import WHITE
 from pipeline.kernels.networks.unet import contact_mask
-from pipeline.kernels.tensor_checks import COLOURS
+from pipeline.kernels.tensors import COLOURS
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from tests.kernels.touch.shapes import SENSOR
 from tests.strategies import seeds

@@ -9,9 +9,9 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from pipeline.kernels.arrays import WHITE
 from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder
 from pipeline.kernels.networks.unet import UNet
-from pipeline.kernels.tensor_checks import WHITE
 
 Network = TypeVar("Network", bound=nn.Module)
 IMAGES: dict[str, Callable[[int], Tensor]] = {

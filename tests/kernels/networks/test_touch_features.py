@@ -65,7 +65,7 @@ def test_tree_and_pairwise_search_find_equally_near_points(pairs, monkeypatch):
     points, queries = (torch.from_numpy(draw.normal(size=(3, count, 3))) for count in (40, 70))
     among = torch.from_numpy(draw.random((3, 40)) < 0.5)
     among[1] = False
-    in_trees = NearestPoints(points, among).find_in_trees(queries)
+    in_trees = NearestPoints(points, among).find(queries)
     of_pairs = chamfer.nearest_of_pairs(queries, points, among)
     for item in (0, 2):
         apart = [(queries[item] - points[item][found[item]]).norm(dim=1) for found in (in_trees, of_pairs)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipeline.kernels.hand.load_residual import NO_LOAD, RESIDUAL_STEP, Load, load_residual
+from pipeline.kernels.hand.load_residual import NO_SUPPORT, RESIDUAL_STEP, Support, load_residual
 from pipeline.rng import numpy_rng
 from stages.simulate_grasps import hold_plan
 from stages.simulate_grasps.hold_plan import HoldPlanner, Pinches, prepare_pinches
@@ -36,18 +36,18 @@ def test_plans_equal_those_of_exhaustive_search(planner: HoldPlanner, monkeypatc
     lazy = [planner(numpy_rng(0, "plan", number)) for number in range(8)]
     loads: list[int] = []
 
-    def slow(points: np.ndarray, normals: np.ndarray, touching: np.ndarray, friction: float, best: Load) -> tuple[int, Load]:
+    def slow(points: np.ndarray, normals: np.ndarray, touching: np.ndarray, friction: float, best: Support) -> tuple[int, Support]:
         number = -1
         for row in range(len(points)):
             steps = int(load_residual(points[row], normals[row], touching[row], friction) // RESIDUAL_STEP)
-            load = Load(steps, int(touching[row].sum()))
+            load = Support(steps, int(touching[row].sum()))
             if (load.steps, -load.touches) < (best.steps, -best.touches):
                 number, best = row, load
         loads.append(best.steps)
         return number, best
 
     monkeypatch.setattr(hold_plan, "BATCHES", ())
-    monkeypatch.setattr(hold_plan, "lightest_grasp", slow)
+    monkeypatch.setattr(hold_plan, "best_supporting_grasp", slow)
     monkeypatch.setattr(HoldPlanner, "_is_perfect", lambda *_: False)
     for number, plan in enumerate(lazy):
         expected = planner(numpy_rng(0, "plan", number))
@@ -56,4 +56,4 @@ def test_plans_equal_those_of_exhaustive_search(planner: HoldPlanner, monkeypatc
         for planned, wanted in zip(plan, expected, strict=True):
             np.testing.assert_array_equal(planned, wanted)
     assert 0 in loads
-    assert 0 < max(loads) < NO_LOAD.steps
+    assert 0 < max(loads) < NO_SUPPORT.steps

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pipeline.kernels.geometry.transforms import compose
+from pipeline.kernels.hand.distance_field import finger_clearance
 from pipeline.kernels.hand.grid_loops import gaps
-from pipeline.kernels.hand.object_distances import finger_clearance
 from pipeline.kernels.hand.pregrasp import tangent_palm_pose
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand, prepare_object
 from tests.kernels.hand.meshes import bar, mug, points_on
@@ -23,7 +23,7 @@ def test_distance_grid_classifies_clear_fingers_as_clear(hand_name: str) -> None
         prepared_object = prepare_object(mesh, points, normals, reach=prepared.reach)
         for place, distance in zip(rng.integers(len(points), size=8), np.linspace(0.01, 0.15, 8), strict=True):
             pose = tangent_palm_pose(prepared.hand, points[place], normals[place], distance=distance, angle=rng.uniform(0, 2 * np.pi))
-            frames = compose(pose, prepared.ik.frames[rng.integers(len(prepared.ik.frames), size=20)])
+            frames = compose(pose, prepared.ik.postures.frames[rng.integers(len(prepared.ik.postures.frames), size=20)])
             by_grid = finger_clearance(prepared_object.field, prepared.ik.fingers, frames) >= prepared.ik.clearance
             exact = _exact_clearance(prepared, prepared_object.field.exact, frames) >= prepared.ik.clearance
             clear, mistaken, missed = clear + exact.sum(), mistaken + (exact & ~by_grid).sum(), missed + (~exact & by_grid).sum()
@@ -43,7 +43,7 @@ def test_palm_far_from_the_object_is_clear_by_the_grid(hand_name: str) -> None:
         tangent_palm_pose(prepared.hand, points[place], normals[place], distance=0.15, angle=rng.uniform(0, 2 * np.pi))
         for place in rng.integers(len(points), size=200)
     ]
-    frames = compose(np.array(poses)[:, None], prepared.ik.frames[0])
+    frames = compose(np.array(poses)[:, None], prepared.ik.postures.frames[0])
     centres = prepared.palm_spheres.world_centres(frames)
     exact = (field.exact(centres.reshape(3, -1).T).reshape(centres.shape[1:]) - prepared.palm_spheres.radii).min(axis=1)
     by_grid = gaps(field.grid, frames, prepared.palm_spheres.single, np.float32(clearance))

@@ -14,12 +14,12 @@ from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.normalise import normalise_mesh
+from pipeline.kernels.geometry.mesh_cleaning import normalise_mesh
+from pipeline.physics.motion import is_held
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from schemas.base import COMMON
 from schemas.grasps import GRASPS
-from stages.simulate_grasps.grasping import HOLD_TESTS
 from stages.simulate_grasps.stage import GraspSettings, SimulateGrasps
 from tests.kernels.hand.meshes import bar, centred, points_on
 from tests.stages import ball_dataset
@@ -46,7 +46,7 @@ def test_row_has_the_arrays_of_the_schema(hold_test: str) -> None:
         assert row[name].dtype == np.dtype(array.dtype), name
         assert row[name].shape == tuple(sizes[dim] for dim in array.dims[1:]), name
     if tested:
-        stays = HOLD_TESTS[hold_test].stays(row["hold_distance"], row["hold_speed"])
+        stays = is_held(row["hold_distance"], row["hold_speed"])
         np.testing.assert_array_equal(row["held"], stays[:, 4 if hold_test == "six" else 0])
         np.testing.assert_array_equal(row.get("held_directions", stays), stays)
 
@@ -59,7 +59,7 @@ def test_hold_search_keeps_grasps_that_oppose_each_other_and_hold(hand: str, siz
         rows = [process(*unit_of(box, *points_on(box, 2000, seed=3))) for _ in range(2)]
     row = rows[0]
     assert row["held"].all()
-    assert HOLD_TESTS["lift"].stays(row["hold_distance"], row["hold_speed"]).all()
+    assert is_held(row["hold_distance"], row["hold_speed"]).all()
     assert row["opposition"].min() > 150
     assert row["closure"].min() > 0
     touched = row["touch_success"]
