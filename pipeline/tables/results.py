@@ -16,7 +16,7 @@ from pipeline.tables.evaluation_tables import evaluation_tables
 from pipeline.tables.orderings import orderings, orderings_table
 from pipeline.tables.supplement_figures import BEST_EPOCH
 from pipeline.tables.training_seeds import trainings_table
-from pipeline.training.loop import METRICS, read_metrics
+from pipeline.training.checkpoint import METRICS, read_metrics
 
 
 def trained_models(directory: DataDirectory, evaluated: Sequence[str]) -> dict[str, str]:
