@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import refuse_foreign
+from pipeline.kernels.arrays import Array
 
 MAX_ENTRIES = 1_000_000  # maximum number of commas and opening brackets in the JSON: each may take a hundred bytes
 MAX_NON_ASCII = 2**25
@@ -192,7 +193,7 @@ class Primitive:
     `part` is its entry in the document, `weights` (T,) are those of its morph targets.
     """
 
-    def __init__(self, document: Document, part: dict[str, Any], weights: NDArray[np.float64]) -> None:
+    def __init__(self, document: Document, part: dict[str, Any], weights: Array) -> None:
         self._document, self._weights = document, weights
         self.material = part.get("material")
         self.attributes, self._targets = table(part, "attributes"), entries_of(part, "targets")
@@ -216,7 +217,7 @@ class Primitive:
             raise InvalidInput(f"a part of it has no {name}; export it again")
         return self._document.array(self.attributes.get(name), *widths, rows=self._size)[self.rows]
 
-    def read(self, name: str, *widths: int) -> NDArray[np.float64]:
+    def read(self, name: str, *widths: int) -> Array:
         """Return an attribute of the vertices, (V, width), with its morph targets."""
         values = self.stored(name, *widths).astype(np.float64)
         for weight, target in zip(self._weights, self._targets, strict=False):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import decode_text, foreign_content, without_mark
 from pipeline.formats.mesh_parts import ear_clip, is_concave
+from pipeline.kernels.arrays import Array, Integers
 
 UNUSUAL = re.compile(rb"^(?:[ \t]+\S|(?:v[tn]?|f)(?:\t|[^#\r\n]*#))", re.MULTILINE)
 """A line that begins with a blank, a vertex or a face with a tab after its letter or a comment behind it."""
@@ -101,9 +102,7 @@ def _absolute(corner: bytes, offset: int, listed: Sequence[NDArray[np.int64]]) -
     return b"/".join(parts)
 
 
-def _cut_concave(
-    faces: Sequence[re.Match[bytes]], offsets: NDArray[np.int64], vertices: NDArray[np.float64]
-) -> dict[int, NDArray[np.integer]]:
+def _cut_concave(faces: Sequence[re.Match[bytes]], offsets: NDArray[np.int64], vertices: Array) -> dict[int, Integers]:
     """Cut the concave ones of some faces into triangles (T, 3) of their corners, by the number of the face."""
     listed = np.fromstring(re.sub(rb"/\S*", b"", b" ".join(face[1] for face in faces)), np.int64, sep=" ")
     sizes = np.array([len(face[1].split()) for face in faces], np.int64)
@@ -214,7 +213,7 @@ def keeps_alpha(values: Values, texture: str) -> bool:
     return "map_d" in values and _file(" ".join(values["map_d"])) == _file(texture)
 
 
-def emission(values: Values) -> NDArray[np.float64] | None:
+def emission(values: Values) -> Array | None:
     """Read the colour that a material emits, (3,) in 0 to 1, if it has no other one."""
     light = np.clip(np.array(values.get("ke", [0.0]), np.float64), 0, 1)
     return light if light.any() and not np.any(values.get("kd", 0.0)) else None

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_parts import Decode, build_part, check_corners, check_mesh, eight_bits, split_vertices, triangulate
 from pipeline.formats.ply_elements import Element, read_elements
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
 
 COLORS = [
@@ -134,7 +135,7 @@ def _unsigned(levels: NDArray[Any]) -> NDArray[Any]:
 
 def _corner_uv(
     vertex: Element, face: Element, indices: str, places: NDArray[np.int64], polygon: NDArray[np.int64], faces: NDArray[np.int64]
-) -> NDArray[np.float64] | None:
+) -> Array | None:
     """Read texture coordinates (F, 3, 2) of triangles from a list per polygon, or from vertices; NaN where there are none."""
     if name := next((of.name for of in face.properties if of.name in face.sizes and of.type.kind == "f" and of.name != indices), None):
         sizes, corner_sizes = face.sizes[name], face.sizes[indices]

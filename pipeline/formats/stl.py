@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_parts import GREY, MAX_FACES, build_part, check_count, read_numbers
+from pipeline.kernels.arrays import Floats
 from pipeline.kernels.geometry.mesh import Mesh
 
 HEAD = 84  # bytes before the first triangle of a binary file: 80 of a title, four of the number of triangles
@@ -43,7 +44,7 @@ def read_stl(content: bytes, unread: list[str]) -> list[Mesh]:
     return _soup(records["corners"], _colors(content[:80], records["attribute"], unread))
 
 
-def _soup(corners: NDArray[np.floating], colors: NDArray[np.uint8] | None = None) -> list[Mesh]:
+def _soup(corners: Floats, colors: NDArray[np.uint8] | None = None) -> list[Mesh]:
     """Build a mesh from the corners (T, 3, 3) of triangles and their colours (T, 4)."""
     vertices = corners.reshape(-1, 3).astype(np.float64)
     return [build_part(vertices, np.arange(len(vertices)).reshape(-1, 3), face_color=colors)]

@@ -11,10 +11,10 @@ from urllib.parse import unquote
 from xml.parsers import expat
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_parts import MAX_FACES, check_count
+from pipeline.kernels.arrays import Array
 
 MAX_ELEMENTS = 1_000_000  # maximum number of elements of a model beside its vertices and triangles
 HEAD_BYTES = 65_536
@@ -50,7 +50,7 @@ class Element:
         return next(self.all(tag), Element(tag, {}))
 
     @cached_property
-    def table(self) -> NDArray[np.float64]:
+    def table(self) -> Array:
         """(N, 3) positions or (N, 7) triangles."""
         return np.frombuffer(self.numbers).reshape(-1, 3 if self.tag == "vertices" else 7)
 

@@ -26,6 +26,14 @@ MAX_LEVELS = 20  # number of folders around a URDF in which a package is searche
 REMEDY = "copy it there, or put an empty package.xml into the folder that holds both"
 GREY: Color = (178, 178, 178)  # sRGB colour of a visual shape that names none
 
+PRIMITIVES: Mapping[str, tuple[dict[str, int], Callable[..., trimesh.Trimesh]]] = {
+    "box": ({"size": 3}, lambda *size: trimesh.creation.box(extents=size)),
+    "sphere": ({"radius": 1}, lambda radius: trimesh.creation.icosphere(subdivisions=3, radius=radius)),
+    "cylinder": ({"radius": 1, "length": 1}, lambda radius, length: trimesh.creation.cylinder(radius, height=length, sections=32)),
+    "capsule": ({"radius": 1, "length": 1}, lambda radius, length: trimesh.creation.capsule(length, radius, count=(16, 32))),
+}
+"""The count of numbers of each attribute of a shape, and the shape of these sizes."""
+
 
 def shape_of(
     element: Element,
@@ -40,18 +48,10 @@ def shape_of(
         body: Any
         companions: tuple[Path, ...] = ()
         path, scale = None, (1.0, 1.0, 1.0)
-        if part.tag == "box":
-            size = _sizes(part, size=3)
-            body = trimesh.creation.box(extents=size)
-        elif part.tag == "sphere":
-            size = _sizes(part, radius=1)
-            body = trimesh.creation.icosphere(subdivisions=3, radius=size[0])
-        elif part.tag == "cylinder":
-            size = _sizes(part, radius=1, length=1)
-            body = trimesh.creation.cylinder(radius=size[0], height=size[1], sections=32)
-        elif part.tag == "capsule":
-            size = _sizes(part, radius=1, length=1)
-            body = trimesh.creation.capsule(radius=size[0], height=size[1], count=(16, 32))
+        if part.tag in PRIMITIVES:
+            counts, create = PRIMITIVES[part.tag]
+            size = _sizes(part, **counts)
+            body = create(*size)
         elif part.tag == "mesh":
             path, package = mesh_path(part.get("filename", ""), folder)
             body, companions = read(path, package), tuple(Companions(path, package).paths.values())
