@@ -52,20 +52,8 @@ def write_renderings(folder: Path, images: NDArray[np.uint8], viewpoints: Sequen
     )
 
 
-def write_dataset(data: str, folder: Path, seed: int = 0) -> int:
-    """Write all objects of a data directory that have a surface, as `ShapeNetCore.v1` and `ShapeNetRendering` in a folder.
-
-    Returns
-    -------
-    The number of objects.
-
-    Raises
-    ------
-    StageError
-        A category has no synset in the manifest `single-image`.
-    NoOpenGL
-        Nothing can be rendered here.
-    """
+def write_dataset(data: str, folder: Path, seed: int = 0) -> int:  # the number of objects
+    """Write all objects of a data directory that have a surface, as `ShapeNetCore.v1` and `ShapeNetRendering` in a folder."""
     surfaces, synsets = DataDirectory(as_location(data)).collection(SURFACES), synsets_of("single-image")
     names = [name for name in surfaces if not surfaces.row(name).failure]
     if unknown := sorted({surfaces.row(name).category for name in names} - synsets.keys()):

@@ -22,9 +22,9 @@ from pipeline.kernels.geometry.mesh import face_cross_products
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes, collision_spheres
 from pipeline.kernels.hand.convex_shapes import buried_gels, convex_error
+from pipeline.kernels.hand.grasp_ik import blocked_fingers, sample_postures
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.hand.posture_samples import blocked_fingers, sample_postures
 from pipeline.kernels.hand.self_collision import LinkOverlap, frequent_overlaps, remedy
 from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.sensor import Sensor

@@ -57,7 +57,7 @@ def read_touch(
     if photographs is not None:
         stream = [(path.stem, partial(read_image, path)) for path in photographs_of(photographs, untouched)]
     else:
-        stream = ((f"{count:06d}", lambda image=image: image) for count, image in enumerate(islice(camera_frames(camera or 0), frames)))
+        stream = ((f"{count:06d}", partial(np.asarray, image)) for count, image in enumerate(islice(camera_frames(camera or 0), frames)))
     began, count, reading_seconds = time.perf_counter(), 0, 0.0
     failed: list[str] = []
     for name, load in stream:

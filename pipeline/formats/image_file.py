@@ -2,7 +2,7 @@
 
 import io
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -56,7 +56,7 @@ def read_depth(path: Path) -> NDArray[Any]:
 
 
 @contextmanager
-def open_image(path: Path, formats: Sequence[str] = FORMATS, *, max_bytes: int = MAX_BYTES) -> Iterator[Image.Image]:
+def open_image(path: Path, formats: list[str] | tuple[str, ...] = FORMATS, *, max_bytes: int = MAX_BYTES) -> Iterator[Image.Image]:
     """Open an image file; whatever Pillow trips over becomes an `InvalidInput` that names the file."""
     content = read_file(path, max_bytes)
     try:

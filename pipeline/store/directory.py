@@ -3,6 +3,7 @@
 import fnmatch
 import hashlib
 import re
+import shlex
 from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -78,7 +79,7 @@ class DataDirectory:
         if current is not None and count not in (None, current):
             raise StoreError(
                 f"{self.root} is split into {pluralise(current, 'shard')}, {count} were asked for; leave --shards (make: SHARDS=) out, "
-                "or make the dataset again in another folder (--data, make: DATA=)"
+                f"or make the dataset in another folder: --data FOLDER --reuse {shlex.quote(str(self.root))} copies its rows"
             )
         return current or count or 1
 

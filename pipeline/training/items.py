@@ -1,6 +1,7 @@
 """Training items: an object, and the number and choice of its grasps."""
 
 from math import isqrt
+from typing import Any
 
 import numpy as np
 import torch
@@ -132,7 +133,8 @@ class Items:
     def trained(self, configuration: str, network: NetworkInputs) -> Trained:
         """Describe a network that was trained on these items."""
         diagonals = [self.rows.diagonal(object_id) for object_id in self.rows.object_ids]
-        camera, background = None, None
+        camera: Any = None
+        background: Any = None
         if self.config.image not in (None, "rendering"):  # each rendering has its own camera
             camera = stored_camera(self.rows, self.rows.object_ids[0], self.config).tolist()
             scene = self.rows.attributes("vision").get("scene")

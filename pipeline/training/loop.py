@@ -63,9 +63,7 @@ def train(
     A killed training continues from the checkpoint in the folder and ends, on the same machine, with the same weights,
     to the bit, as an uninterrupted one. The checkpoint stays: the caller that publishes the model removes it.
 
-    A `StageError` says that there are no items, that a process was killed, or that a loss is NaN, raises in a kernel,
-    or explodes: it names epoch, step, and the items of the batch. A fault of ours in one of several processes is a
-    `ProcessRaisedException` with its traceback.
+    A fault of ours in one of several processes is a `ProcessRaisedException` with its traceback.
     """
     if not len(learner):
         raise StageError(f"{name}: there are no items to train on; take more objects, or see `vt-pipeline status` for those that failed")
@@ -81,7 +79,8 @@ def train(
             raise
         raise StageError(message) from error
     except ProcessExitedException as error:
-        raise StageError(f"{name}: process {error.error_index} of {settings.devices} {_how_it_ended(error)}; {RESUME_HINT}") from error
+        ended = f"was ended by {error.signal_name}" if error.signal_name else f"ended with status {error.exit_code}"
+        raise StageError(f"{name}: process {error.error_index} of {settings.devices} {ended}; {RESUME_HINT}") from error
     learner.network.load_state_dict(checkpoint.load_best(folder))
     return facts
 
@@ -91,10 +90,6 @@ def _message_of(traceback: str) -> str | None:
     last_error = traceback.rpartition("Traceback (most recent call last):")[2]  # of errors that were raised from others
     match = re.search(r"^(?:pipeline\.errors\.\w+: |(?=\w+Error: \[Errno ))(.+)", last_error.rstrip(), re.MULTILINE | re.DOTALL)
     return match and match[1]
-
-
-def _how_it_ended(error: ProcessExitedException) -> str:
-    return f"was ended by {error.signal_name}" if error.signal_name else f"ended with status {error.exit_code}"
 
 
 def _begin(fabric: Fabric, learner: Learner, settings: TrainingSettings, *, folder: Path, seed: int, name: str) -> dict[str, Any]:

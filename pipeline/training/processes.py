@@ -26,6 +26,9 @@ RESUME_HINT = "run the same command again: it goes on from its last checkpoint"
 WORD = 4096
 """Maximum number of bytes that a process broadcasts."""
 
+LOST = ("onnection closed", "onnection reset", "roken pipe", "imed out", "onnection refused")
+"""Parts of gloo's messages of lost connections between processes, for which it has no error type."""
+
 REPORT_DELAY = 3.0
 """Seconds by which the other processes delay their end after one was killed, so that their launcher reports the killed one."""
 
@@ -68,19 +71,14 @@ def lost_peers_as_stage_error(fabric: Fabric, name: str) -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:
-        if fabric.world_size == 1 or not is_lost_connection(error):
+        is_lost = "gloo" in str(error) and any(words in str(error) for words in LOST)
+        if fabric.world_size == 1 or not (is_lost or isinstance(error, torch.distributed.DistError)):
             raise
         time.sleep(REPORT_DELAY)
         reason = str(error).strip().splitlines()[0]
         raise StageError(
             f"{name}: process {fabric.global_rank} of {fabric.world_size} lost the others ({reason}); see their messages, and {RESUME_HINT}"
         ) from error
-
-
-def is_lost_connection(error: RuntimeError) -> bool:
-    """Return whether an error is a lost connection between processes, for which gloo has no error type."""
-    words = ("onnection closed", "onnection reset", "roken pipe", "imed out", "onnection refused")
-    return isinstance(error, torch.distributed.DistError) or ("gloo" in str(error) and any(word in str(error) for word in words))
 
 
 def gather_strings(fabric: Fabric, word: str) -> list[str]:

@@ -40,18 +40,18 @@ NOISE = Artifact(
     version=1,
     summary="Random numbers.",
     arrays={
-        "values": Array(("object", "sample", "xyz"), "float32", "m", "Noise."),
-        "label": Array(("object",), "string", "1", "A word."),
-        "reach": Array(("sample", "xyz"), "float64", "m", "The scale of the noise."),
+        "values": Array("object sample xyz", "float32", "m", "Noise."),
+        "label": Array("object", "string", "1", "A word."),
+        "reach": Array("sample xyz", "float64", "m", "The scale of the noise."),
         **coordinates("sensor"),
     },
-    ragged={"lists/numbers": Array(("number",), "int32", "1", "As many as the id is long.")},
+    ragged={"lists/numbers": Array("number", "int32", "1", "As many as the id is long.")},
 )
 MEAN = Artifact(
     name="mean",
     version=1,
     summary="Their means.",
-    arrays={"mean": Array(("object", "xyz"), "float64", "m", "The mean of `values`."), **coordinates("sensor")},
+    arrays={"mean": Array("object xyz", "float64", "m", "The mean of `values`."), **coordinates("sensor")},
 )
 
 

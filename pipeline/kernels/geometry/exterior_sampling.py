@@ -35,7 +35,7 @@ class RayScene:
         self._mesh = TriangleMesh(self._scene, self._local(vertices).astype(np.float32), faces.astype(np.int32))
 
     def _local(self, points: Array) -> Array:
-        return (points - self._centre) * self._scale
+        return np.asarray((points - self._centre) * self._scale)
 
     def escape(self, points: Array, directions: Array, offset: float) -> Mask:  # (...)
         """Find the rays that hit nothing, of points and unit directions (..., 3); they start an offset, in diagonals, away."""

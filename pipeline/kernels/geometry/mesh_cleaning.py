@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from trimesh.grouping import unique_ordered
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.arrays import Array, Floats, Indices
+from pipeline.kernels.arrays import Array, Floats, Indices, Integers
 from pipeline.kernels.geometry.mesh import Look, Mesh, check_coordinates, flatness, is_watertight
 from pipeline.kernels.geometry.transforms import length
 
@@ -60,6 +60,12 @@ def clean_mesh(mesh: Mesh, max_faces: int) -> tuple[Mesh, CleaningReport]:
 def number_positions(vertices: Array) -> Indices:
     """Count through the distinct positions of vertices (V, 3): (V,), equal where positions are equal to the bit, -0 and 0 the same."""
     return np.unique(vertices + 0.0, axis=0, return_inverse=True)[1].reshape(-1)  # + 0.0 makes -0 and 0 the same
+
+
+def group_by_position(position: Integers) -> list[Indices]:
+    """List the vertices of each position number (V,), in ascending order."""
+    order = np.argsort(position, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(position[order])) + 1)
 
 
 def _keep_faces(mesh: Mesh, keep: NDArray[Any]) -> Mesh:

@@ -58,15 +58,12 @@ def _interval(mean: float, count: int, parts: tuple[Array, ...], rng: np.random.
     """Compute the interval of the sum of the parts' means, (S, N) each with its own S."""
     if count == 1:
         return Interval(mean, -np.inf, np.inf, count)
-    means = np.concatenate([_resampled(parts, rng) for _ in range(RESAMPLES // BATCH)])
-    low, high = np.quantile(means, ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
+    means = []
+    for _ in range(RESAMPLES // BATCH):
+        objects = _shares(count, rng)
+        means.append(np.asarray(sum(((_shares(len(part), rng) @ part) * objects).sum(axis=1) for part in parts)))
+    low, high = np.quantile(np.concatenate(means), ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
     return Interval(mean, float(low), float(high), count)
-
-
-def _resampled(parts: tuple[Array, ...], rng: np.random.Generator) -> Array:
-    """Draw `BATCH` means."""
-    objects = _shares(parts[0].shape[1], rng)
-    return np.asarray(sum(((_shares(len(part), rng) @ part) * objects).sum(axis=1) for part in parts))
 
 
 def _shares(count: int, rng: np.random.Generator) -> Array:

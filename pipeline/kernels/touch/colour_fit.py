@@ -108,7 +108,8 @@ def fit_colours(
 
     position_degree = options.position_degree
     usual = USUAL_DEGREE if position_degree is None else position_degree
-    gels = _gels(options)
+    gels = [_GelShape(False, width) for width in MEMBRANES if not options.elastic]
+    gels += [_GelShape(True, thickness, options.poisson) for thickness in THICKNESSES if options.elastic is not False]
     candidates = [gel.of(sensor, radius) for gel in gels]
     best = _simplest_good([left_out_error(sampled(candidate, usual)) for candidate in candidates])
     fitted = candidates[best]
@@ -130,13 +131,6 @@ def fit_colours(
 def _simplest_good(errors: Sequence[float]) -> int:
     """Find the first choice, the simplest, whose error is at most `GAIN` above the least."""
     return next(number for number, error in enumerate(errors) if error <= (1 + GAIN) * min(errors))
-
-
-def _gels(options: ColourFitOptions) -> list[_GelShape]:
-    """List the gels that are tried."""
-    membranes = [_GelShape(False, width) for width in MEMBRANES if not options.elastic]
-    layers = [_GelShape(True, thickness, options.poisson) for thickness in THICKNESSES if options.elastic is not False]
-    return membranes + layers
 
 
 def _at_end(gel: _GelShape, degree: int | None) -> Iterator[str]:

@@ -27,16 +27,13 @@ CHROMA = 0.12
 """Largest relative difference of chroma: of contrast, saturation or hue. Another unit of a sensor differs by 0.07."""
 CHROMA_LEFT = 0.7
 """Chroma differs if its factor leaves less than this share of the difference; beside a press, less than the factor's own change."""
-STRANGE = 1.5
-"""Chroma that differs by more is no setting of a camera."""
+STRANGE = 1.5  # chroma that differs by more is no setting of a camera
 UNLIKE_PRESSED = 20.0
 """Levels by which a pressed gel may differ in the median of its cells: one that is tilted by 40° as a whole differs by 17."""
 EXCHANGED, PRESSED_TOO = 0.8, 0.2
 """Shares of a contact's cells in which the untouched photograph is the pressed one: both are exchanged; it has a contact too."""
-SIDES = 0.05
-"""Largest relative difference between the aspect ratios of photographs that are compared."""
-COARSE = 3
-"""Least degree of a polynomial background that resembles the untouched gel."""
+SIDES = 0.05  # largest relative difference between the aspect ratios of photographs that are compared
+COARSE = 3  # least degree of a polynomial background that resembles the untouched gel
 
 
 def stop_at(faults: list[str]) -> None:

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.arrays import Array, Mask
+from pipeline.kernels.geometry.closed_surface import vertex_normals
 from pipeline.kernels.geometry.exterior_sampling import RayScene
-from pipeline.kernels.geometry.surface_wrapping import vertex_normals
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import optical_centre
 

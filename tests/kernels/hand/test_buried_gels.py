@@ -34,13 +34,6 @@ def wearing(link: Link, height: float, normal: NDArray[np.float64] = UP) -> Hand
     return replace(GRIPPER, links=(link,), sensors=(replace(GRIPPER.sensors[0], link=0, pose=pose),))
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.4, -0.8])
-def test_depth_along_a_slanted_normal_is_that_of_the_plane_divided_by_its_cosine(angle: float) -> None:
-    normal = np.array([np.sin(angle), 0.0, np.cos(angle)])
-    depth = depth_in_link(link_of((-0.03, 0.02)), np.array([0.0, 0.0, 0.005]), normal, ahead=0.0)
-    assert depth == pytest.approx(0.015 / np.cos(angle))
-
-
 @pytest.mark.parametrize(
     ("spans", "ahead", "depth"),
     [
