@@ -140,7 +140,7 @@ def _file_of(module: str, packages: frozenset[str]) -> Path | None:
         return Path(spec.origin) if spec and spec.origin and not inner else None
     for location in spec.submodule_search_locations:
         path = Path(location, *inner)
-        compiled = path.parent.glob(f"{path.name}.*.so") if top not in OURS else ()
+        compiled: list[Path] = [] if top in OURS else list(path.parent.glob(f"{path.name}.*.so"))
         for file in (path / "__init__.py", path.with_name(f"{path.name}.py"), *compiled):
             if file.is_file():
                 return file

@@ -7,12 +7,11 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
-import trimesh
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import stated_units
 from pipeline.formats.mesh_companions import Companions
-from pipeline.formats.mesh_file import load_mesh
+from pipeline.formats.mesh_reader import load_mesh
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.geometry.transforms import rotation_from_euler, transform_points
@@ -41,6 +40,8 @@ def shape_of(
     read: Callable[[Path, Path], Mesh] = load_mesh,  # of a mesh file and the folder that its textures must be in: the package
 ) -> Shape:
     """Read a <visual> or <collision>."""
+    import trimesh  # takes half a second
+
     material = element.find("material")
     (origin, rpy), color = origin_of(element), material_color(material, materials)
     for part in element.findall("geometry/*"):

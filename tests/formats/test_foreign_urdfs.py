@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
-from pipeline.formats.mesh_file import load_mesh
+from pipeline.formats.mesh_reader import load_mesh
 from pipeline.formats.urdf import read_urdf
 from pipeline.formats.urdf_xml import parse_urdf
 from pipeline.kernels.hand.collision_shapes import collision_boxes, collision_spheres

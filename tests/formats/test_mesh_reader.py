@@ -13,7 +13,8 @@ import trimesh
 
 from pipeline.errors import InvalidInput
 from pipeline.formats import mesh_reader
-from pipeline.formats.mesh_file import load_mesh, parse_mesh
+from pipeline.formats.mesh_file import parse_mesh
+from pipeline.formats.mesh_reader import load_mesh
 from vt_pipeline.objects import load_object
 
 BOX = trimesh.creation.box((1, 2, 3))

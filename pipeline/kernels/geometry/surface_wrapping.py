@@ -5,7 +5,7 @@ Vertices are (V, 3) float64, finite; faces (F, 3) integers, F at least 1.
 
 import igl
 import numpy as np
-from scipy import sparse
+import scipy
 
 from pipeline.kernels.arrays import Array, Integers, Mask
 from pipeline.kernels.geometry.level_set import level_set_mesh
@@ -64,13 +64,13 @@ def smooth_mesh(vertices: Array, faces: Integers, rounds: int) -> Array:  # (V, 
     return vertices
 
 
-def neighbour_means(faces: Integers, count: int) -> sparse.csr_array:
+def neighbour_means(faces: Integers, count: int) -> "scipy.sparse.csr_array":
     """Make the (V, V) matrix that replaces each vertex by the mean of its neighbours; a vertex without a face stays."""
     first, second = mesh_edges(faces)[0].T
     isolated = np.setdiff1d(np.arange(count), [first, second])
     rows, columns = np.concatenate([first, second, isolated]), np.concatenate([second, first, isolated])
     degree = np.bincount(rows, minlength=count)
-    return sparse.csr_array((1 / degree[rows], (rows, columns)), shape=(count, count))
+    return scipy.sparse.csr_array((1 / degree[rows], (rows, columns)), shape=(count, count))
 
 
 def vertex_normals(vertices: Array, faces: Integers) -> Array:

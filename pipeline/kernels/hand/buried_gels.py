@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
+import scipy
 
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.hand.model import Hand, Link
@@ -44,8 +44,8 @@ def depth_in_link(link: Link, point: Array, direction: Array, *, ahead: float) -
     spans = []
     for shape in link.collisions:
         try:
-            normals, offsets = np.split(ConvexHull(shape.mesh.vertices).equations, [3], axis=1)
-        except (QhullError, ValueError):  # it is flat or not finite, and reported elsewhere
+            normals, offsets = np.split(scipy.spatial.ConvexHull(shape.mesh.vertices).equations, [3], axis=1)
+        except (scipy.spatial.QhullError, ValueError):  # it is flat or not finite, and reported elsewhere
             continue
         slope, height = normals @ direction, normals @ point + offsets[:, 0]  # (F,), the latter positive outside
         leaving, entering = slope > 1e-9, slope < -1e-9

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.stats import qmc
+import scipy
 
 from pipeline.kernels.arrays import Array, Indices, Mask
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes
@@ -30,7 +30,7 @@ def sample_postures(hand: Hand, boxes: CollisionBoxes, *, samples: int, gap: flo
     angles = np.empty((samples, len(hand.joint_names)))
     for finger in hand.fingers:
         joints = list(finger.joints)
-        unit = qmc.Sobol(len(joints), scramble=False).random_base2(int(np.ceil(np.log2(samples))))[:samples]
+        unit = scipy.stats.qmc.Sobol(len(joints), scramble=False).random_base2(int(np.ceil(np.log2(samples))))[:samples]
         margin = limit_margin(hand)[joints]
         low, high = hand.lower[joints] + margin, hand.upper[joints] - margin
         angles[:, joints] = low + unit * (high - low)

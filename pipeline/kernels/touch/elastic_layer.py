@@ -7,8 +7,7 @@ from functools import lru_cache
 from itertools import product
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.special import j0
+import scipy
 
 from pipeline.kernels.arrays import Array, Floats
 
@@ -56,13 +55,13 @@ def layer_factor(wave: Floats, poisson: float) -> Array:  # (...) 0 to 1
 
 
 @lru_cache(maxsize=8)
-def _bond(poisson: float) -> CubicSpline:
+def _bond(poisson: float) -> "scipy.interpolate.CubicSpline":
     """Compute the correction of a half-space's 1/r for the rigid base, by distance in thicknesses: the integral of (factor - 1) J0(a r)."""
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     wave, weights = (nodes + 1) * WAVES / 2, weights * WAVES / 2
     distance = np.linspace(0, REACH, int(REACH * KNOTS_PER_THICKNESS) + 1)
     weighted = weights * (layer_factor(wave, poisson) - 1)
-    return CubicSpline(distance, (j0(distance[:, None] * wave) * weighted).sum(axis=1))
+    return scipy.interpolate.CubicSpline(distance, (scipy.special.j0(distance[:, None] * wave) * weighted).sum(axis=1))
 
 
 @lru_cache(maxsize=8)
