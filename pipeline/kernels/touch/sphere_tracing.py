@@ -1,6 +1,5 @@
 """Orthographic depth by sphere tracing on the unsigned distance, the supplement's method (1.5). Valid range: that of `ray_depth`."""
 
-import igl
 import numpy as np
 
 from pipeline.kernels.arrays import Array, Mask
@@ -59,6 +58,8 @@ def trace_spheres(
     end = min(local[2].max() + PLANE_TOLERANCE, sensor.range)
     corners = np.ascontiguousarray(local.transpose(2, 1, 0))  # (N, corner, xyz)
     vertices, faces = corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3)
+    import igl  # and SciPy's sparse matrices with it
+
     tree = igl.AABB()
     tree.init(vertices, faces)
     cosine = np.abs(unit_vectors(face_cross_products(corners))[:, 2])  # of the angle between each face's normal and the rays
