@@ -17,7 +17,7 @@ from benchmarks.timing import Table
 
 PEERS = "touch", "depth", "chamfer", "surfaces", "store"
 """Tables of `docs/peers.md`."""
-NAMES = "surfaces", "grasps", "vision", "depth", "chamfer", "unet", "charts", "gcn", "touch", "presses", "store"
+NAMES = "surfaces", "vision", "depth", "chamfer", "gcn", "touch", "presses", "store"
 """Modules of this folder; each has `measure(data, turns)`, which returns a table."""
 INTRODUCTION = """# Compared with other tools
 

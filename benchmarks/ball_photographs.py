@@ -59,22 +59,13 @@ def mini_balls(real: Path, diameter: str) -> BallSet:
     return BallSet(photographs, untouched, float(diameter) / 2e3, len(photographs) + len(left_out))
 
 
-def recovered_radius(sensor: Sensor, photograph: Photograph, untouched: NDArray[np.uint8], radius: float) -> float:
-    """Find the ball radius with which a sensor's colours explain a photograph best, given the contact.
-
-    Parameters
-    ----------
-    sensor
-        A calibrated one.
-    photograph, untouched
-        The photograph with its contact, and the untouched one.
-    radius
-        The true one, m; the search ends at `LARGEST` times this.
-
-    Returns
-    -------
-    The radius with the least mean colour error in the contact, m.
-    """
+def recovered_radius(
+    sensor: Sensor,  # calibrated
+    photograph: Photograph,
+    untouched: NDArray[np.uint8],
+    radius: float,  # the true one, m; the search ends at `LARGEST` times this
+) -> float:  # m
+    """Find the ball radius with which a sensor's colours explain the contact of a photograph best."""
     assert sensor.calibrated is not None
     reach = photograph.contact.radius * sensor.pitch[1]
     contact = distance_from(sensor, photograph.contact) < reach

@@ -13,9 +13,8 @@ from benchmarks.cases import POSES, Case, over_cases, touched_objects
 from benchmarks.timing import Table, quantiles, side_by_side, three_digits
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth, sphere_traced_depth
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres, sensor_to_world
-from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
 from pipeline.kernels.touch.tactile_image import tactile_image
 from stages.render_vision.opengl_context import OpenGLContext
 

@@ -70,7 +70,7 @@ class Experiment:
             Items(
                 as_location(self.data),
                 split,
-                settings.named,
+                settings.inputs,
                 items,
                 learned=TrainImplicit.arrays,
                 cache_megabytes=settings.cache_megabytes,

@@ -16,7 +16,7 @@ from benchmarks.robot_grasp import BASE, write_grasp
 from benchmarks.timing import Table
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.geometry.mesh import sample_triangles
-from pipeline.kernels.geometry.normalise import DIAGONAL, POSITION, bounding_diagonal
+from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, POSITION, bounding_diagonal
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, cloud_distances
 from pipeline.reconstruct.observation_checks import check

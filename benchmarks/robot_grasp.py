@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.kernels.geometry.normalise import POSITION
+from pipeline.kernels.geometry.mesh_cleaning import POSITION
 from pipeline.kernels.vision.scene import Label
 from pipeline.kernels.vision.view_transfer import optical_centre, split_projection
 from pipeline.store.directory import DataDirectory

@@ -19,7 +19,7 @@ from pipeline.reconstruct.score import score_shipped
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location
 from pipeline.store.validate import check_origins
-from pipeline.training.pretrained import learned_from
+from pipeline.training.training_stage import learned_from
 from stages.evaluate.evaluation_files import SHIPPED_ROWS, SHIPPED_SCORES, read_figures, read_table
 
 NOT_FOR = (

@@ -82,13 +82,7 @@ def formats(table: Table) -> dict[str, Format]:
 
 
 def compare(table: Table, formats: dict[str, Format], arrays: Arrays, turns: int) -> None:
-    """Add a row per format, which is written, read back and compared.
-
-    Raises
-    ------
-    ValueError
-        A format does not give the arrays back to the bit.
-    """
+    """Add a row per format, which is written, read back and compared."""
     with tempfile.TemporaryDirectory() as temporary:
         folders = {name: Path(temporary) / str(number) for number, name in enumerate(formats)}
         for folder in folders.values():

@@ -118,13 +118,7 @@ def _taxim_round(taxim: Any, cases: Sequence[Case], sensor: Sensor, shadow: bool
 
 
 def tacto(cases: Sequence[Case], sensor: Sensor, turns: int) -> dict[str, tuple[Times, NDArray[np.float64]]]:
-    """Run TACTO in its own environment: for each size its times, and distances of its points from the mesh, µm.
-
-    Raises
-    ------
-    RuntimeError
-        The environment is missing, or TACTO does not run in it.
-    """
+    """Run TACTO in its own environment: for each size its times, and distances of its points from the mesh, µm."""
     if not TACTO.exists():
         raise RuntimeError(f"{TACTO} is missing; `make bench-peers` installs it")
     with tempfile.TemporaryDirectory() as folder:

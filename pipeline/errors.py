@@ -26,6 +26,10 @@ class StoreError(PipelineError):
     """A stored artifact is missing, incomplete, damaged, or differs from its schema."""
 
 
+class OtherVersion(StoreError):
+    """A stored artifact is of another version of this project, and not damaged."""
+
+
 class BugFound(PipelineError):
     """A stage raised an unexpected error: a fault of the project, reported with its traceback."""
 

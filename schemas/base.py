@@ -1,8 +1,7 @@
 """The vocabulary of schemas: arrays with dimensions, units and meaning, gathered into versioned artifacts."""
 
-from __future__ import annotations
-
 from fnmatch import fnmatchcase
+from functools import cached_property
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict
@@ -21,15 +20,18 @@ FIXED = {
 class Array:
     """One array: its dimensions by name, its type, unit and meaning, and the number of its equation in the paper."""
 
-    dims: tuple[str, ...]
+    dimensions: str  # their names, such as "object grasp xyz"
     dtype: Dtype
     units: str
     description: str
     equation: str | None = None
-    infinite: bool = False
-    """Whether +inf is a valid value. NaN never is."""
-    optional: bool = False
-    """Whether some settings leave the array out."""
+    infinite: bool = False  # whether +inf is a valid value; NaN never is
+    optional: bool = False  # whether some settings leave the array out
+
+    @cached_property
+    def dims(self) -> tuple[str, ...]:
+        """The names of its dimensions."""
+        return tuple(self.dimensions.split())
 
     @property
     def is_coordinate(self) -> bool:
@@ -46,12 +48,12 @@ INDEXED_DIMS = ("grasp", "viewpoint", "press")
 """Second dimensions of which readers take one entry at a time: in large arrays each is a chunk of its own."""
 
 COMMON = {
-    "object": Array(("object",), "string", "1", "The object's name, the same in every artifact: the label of its dimension."),
-    "object_id": Array(("object",), "string", "1", "The same names as `object`, called as in records and tables."),
-    "category": Array(("object",), "string", "1", "The object's class."),
-    "split": Array(("object",), "string", "1", "train, valid or test: a label, on which no value depends."),
+    "object": Array("object", "string", "1", "The object's name, the same in every artifact: the label of its dimension."),
+    "object_id": Array("object", "string", "1", "The same names as `object`, called as in records and tables."),
+    "category": Array("object", "string", "1", "The object's class."),
+    "split": Array("object", "string", "1", "train, valid or test: a label, on which no value depends."),
     "ok": Array(
-        ("object",),
+        "object",
         "bool",
         "1",
         "False where the object could not be processed: its rows are zeros, and `failures` in the attributes says why.",
@@ -70,14 +72,11 @@ class Artifact(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
-    stage: str = "STAGE"
-    """The stage that makes it: before it has been made, no record names the stage, and readers cannot import stages to ask them."""
-    order: int = 100
-    """Its position among the artifacts; readers, which cannot import stages, read a label from the first artifact that has it."""
+    stage: str = "STAGE"  # that makes it: before it has been made, no record names it, and readers cannot import stages
+    order: int = 100  # among the artifacts: readers take a label from the first artifact that has it
     version: int
     summary: str
-    arrays: Annotated[dict[str, Array], AfterValidator(lambda arrays: {**COMMON, **arrays})]
-    """Those of `COMMON` among them."""
+    arrays: Annotated[dict[str, Array], AfterValidator(lambda arrays: {**COMMON, **arrays})]  # those of `COMMON` among them
     ragged: dict[str, Array] = {}
 
     def of(self, name: str) -> Array | None:
@@ -91,15 +90,15 @@ class Artifact(BaseModel):
 
 
 COORDINATES = {
-    "grasp": Array(("grasp",), "int32", "1", "Number of the grasp, 0 the best.", optional=True),
+    "grasp": Array("grasp", "int32", "1", "Number of the grasp, 0 the best.", optional=True),
     "sensor": Array(
-        ("sensor",),
+        "sensor",
         "string",
         "1",
         "Name of the sensor: its finger's, numbered where it has several, or the one in the hand file.",
         optional=True,
     ),
-    "joint": Array(("joint",), "string", "1", "Name of the joint in the hand's URDF, finger by finger.", optional=True),
+    "joint": Array("joint", "string", "1", "Name of the joint in the hand's URDF, finger by finger.", optional=True),
 }
 """Labels of dimensions: a stage that gives none copies those of its inputs."""
 

@@ -10,10 +10,10 @@ DISTANCES = Artifact(
     summary="Points in space, near every object and around it, and their signed distance to its surface: for implicit networks.",
     arrays={
         "query_points": Array(
-            ("object", "query", "xyz"), "float32", "m", "Points near the surface and all over the cube around the object, world frame."
+            "object query xyz", "float32", "m", "Points near the surface and all over the cube around the object, world frame."
         ),
         "signed_distance": Array(
-            ("object", "query"),
+            "object query",
             "float32",
             "m",
             "Distance of `query_points` to the nearest face, negative where the winding number is above one half. Where parts of a mesh "

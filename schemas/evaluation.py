@@ -6,8 +6,6 @@ from schemas.base import Array
 
 VERSION = 5
 
-Dims = tuple[str, ...]
-
 
 @dataclass(frozen=True)
 class Group:
@@ -19,18 +17,6 @@ class Group:
 
 def _group(summary: str, **arrays: Array) -> Group:
     return Group(summary, arrays)
-
-
-def _name(dim: str, description: str) -> Array:
-    return Array((dim,), "string", "1", description)
-
-
-def _count(dims: Dims, description: str) -> Array:
-    return Array(dims, "int32", "1", description)
-
-
-def _number(dims: Dims, units: str, description: str) -> Array:
-    return Array(dims, "float64", units, description)
 
 
 QUALITY = {
@@ -69,55 +55,49 @@ GROUPS = {
     "figures": _group(
         "Every figure of every reconstruction: of `evaluate`, of `evaluate-single-image` and of `vt-pipeline score`. Networks called "
         "`training object, …` are no networks: a training object stands in place of each reconstruction, what a network has to beat.",
-        network=_name("row", "The trained model."),
-        object_id=_name("row", "The object's name."),
-        first=_count(("row",), "The first grasp given, which the occluded image is of; or the view."),
-        grasps=_count(("row",), "Grasps given: `first`, `first` + 1, …, around the end. A model without touch has 1."),
-        metric=_name("row", "; ".join(f"`{name}` ({units}): {text}" for name, (units, text) in METRICS.items())),
-        value=_number(("row",), "1", "In the unit of the metric. Of a ring there is a row per touch with points in it."),
+        network=Array("row", "string", "1", "The trained model."),
+        object_id=Array("row", "string", "1", "The object's name."),
+        first=Array("row", "int32", "1", "The first grasp given, which the occluded image is of; or the view."),
+        grasps=Array("row", "int32", "1", "Grasps given: `first`, `first` + 1, …, around the end. A model without touch has 1."),
+        metric=Array("row", "string", "1", "; ".join(f"`{name}` ({units}): {text}" for name, (units, text) in METRICS.items())),
+        value=Array("row", "float64", "1", "In the unit of the metric. Of a ring there is a row per touch with points in it."),
     ),
     "objects": _group(
         "The objects evaluated, and what a perfect reconstruction of each would measure.",
-        object_id=_name("object", "The object's name."),
-        category=_name("object", "Its class."),
-        diagonal=_number(("object",), "m", "Diagonal of its bounding box."),
-        area=_number(("object",), "m2", "Area of its surface as its points show it; sides nearer than neighbouring points count once."),
-        floor=_number(("object",), "m2", "Sampling floor of its Chamfer distance, 2 A / (pi n)."),
-    ),
-    "table_1": _group(
-        "Table 1: the dataset, all splits; of `evaluate`.",
-        category=_name("category", "The class; `all` is every object."),
-        objects=_count(("category",), "Objects that did not fail."),
-        grasps=_count(("category",), "Grasps of them."),
-        touches=_count(("category",), "Sensors of these grasps."),
-        successful=_number(("category",), "1", "Share of the touches that succeed."),
+        object_id=Array("object", "string", "1", "The object's name."),
+        category=Array("object", "string", "1", "Its class."),
+        diagonal=Array("object", "float64", "m", "Diagonal of its bounding box."),
+        area=Array(
+            "object", "float64", "m2", "Area of its surface as its points show it; sides nearer than neighbouring points count once."
+        ),
+        floor=Array("object", "float64", "m2", "Sampling floor of its Chamfer distance, 2 A / (pi n)."),
     ),
     "charts": _group(
         "Touch charts of the objects evaluated: how far the fitted charts are from their clouds, by the rule that stopped the fit.",
-        stop_rule=_name("stop_rule", "Why the fit stopped; `all` is every chart that was fitted."),
-        charts=_count(("stop_rule",), "Charts it stopped."),
-        residual_mean=_number(("stop_rule",), "m", "Mean of their RMS distances."),
-        residual_worst=_number(("stop_rule",), "m", "The largest."),
-        iterations=_number(("stop_rule",), "1", "Mean number of iterations."),
+        stop_rule=Array("stop_rule", "string", "1", "Why the fit stopped; `all` is every chart that was fitted."),
+        charts=Array("stop_rule", "int32", "1", "Charts it stopped."),
+        residual_mean=Array("stop_rule", "float64", "m", "Mean of their RMS distances."),
+        residual_worst=Array("stop_rule", "float64", "m", "The largest."),
+        iterations=Array("stop_rule", "float64", "1", "Mean number of iterations."),
     ),
     "predictions": _group(
         "One model's vision charts for every object and choice of grasps; touch charts are those of the artifact `charts`.",
-        object_id=_name("object", "The object's name."),
-        first_grasp=_count(("case",), "The first grasp given."),
-        grasps_given=_count(("case",), "How many were given, 0 where the model takes none."),
-        vertices=Array(("object", "case", "vertex", "xyz"), "float32", "m", "World frame."),
-        faces=Array(("face", "corner"), "int32", "1", "Rows of `vertices`."),
-        position=_count(("vertex",), "Vertices with the same number lie on one seam and are one point of the joined surface."),
+        object_id=Array("object", "string", "1", "The object's name."),
+        first_grasp=Array("case", "int32", "1", "The first grasp given."),
+        grasps_given=Array("case", "int32", "1", "How many were given, 0 where the model takes none."),
+        vertices=Array("object case vertex xyz", "float32", "m", "World frame."),
+        faces=Array("face corner", "int32", "1", "Rows of `vertices`."),
+        position=Array("vertex", "int32", "1", "Vertices with the same number lie on one seam and are one point of the joined surface."),
     ),
     "meshes": _group(
         "The meshes of a model that deforms no charts, of every object with the first grasp and those that follow it, mesh by mesh.",
-        object_id=_name("object", "The object's name."),
-        first_grasp=_count(("case",), "The first grasp given."),
-        grasps_given=_count(("case",), "How many were given, 0 where the model takes none."),
-        vertices=Array(("vertex", "xyz"), "float32", "m", "Of all meshes, case by case of each object; world frame."),
-        faces=Array(("face", "corner"), "int32", "1", "Of all meshes likewise: rows of the mesh's own vertices."),
-        vertex_count=_count(("object", "case"), "Vertices of each mesh."),
-        face_count=_count(("object", "case"), "Faces of each mesh."),
+        object_id=Array("object", "string", "1", "The object's name."),
+        first_grasp=Array("case", "int32", "1", "The first grasp given."),
+        grasps_given=Array("case", "int32", "1", "How many were given, 0 where the model takes none."),
+        vertices=Array("vertex xyz", "float32", "m", "Of all meshes, case by case of each object; world frame."),
+        faces=Array("face corner", "int32", "1", "Of all meshes likewise: rows of the mesh's own vertices."),
+        vertex_count=Array("object case", "int32", "1", "Vertices of each mesh."),
+        face_count=Array("object case", "int32", "1", "Faces of each mesh."),
     ),
 }
 """Every group by name; `predictions` and `meshes` hold one group per network."""

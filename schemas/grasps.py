@@ -11,78 +11,71 @@ GRASPS = Artifact(
     arrays={
         **coordinates("grasp", "sensor", "joint"),
         "hand_pose": Array(
-            ("object", "grasp", "pose_row", "pose_column"),
-            "float64",
-            "m",
-            "The hand's root link (its URDF frame) in the world, best grasp first.",
+            "object grasp pose_row pose_column", "float64", "m", "The hand's root link (its URDF frame) in the world, best grasp first."
         ),
         "joint_angles": Array(
-            ("object", "grasp", "joint"), "float64", "rad", "Joint angles as simulated, finger by finger; m of a joint that slides."
+            "object grasp joint", "float64", "rad", "Joint angles as simulated, finger by finger; m of a joint that slides."
         ),
         "pregrasp_angles": Array(
-            ("object", "grasp", "joint"),
+            "object grasp joint",
             "float64",
             "rad",
             "Joint angles from which the fingers closed, every sensor drawn back along its normal where there is room.",
             optional=True,
         ),
         "squeeze_angles": Array(
-            ("object", "grasp", "joint"),
+            "object grasp joint",
             "float64",
             "rad",
             "Joint angles at which every sensor would be `squeeze` m further along its normal: what a robot drives to in order to hold.",
             optional=True,
         ),
         "sensor_pose": Array(
-            ("object", "grasp", "sensor", "pose_row", "pose_column"),
+            "object grasp sensor pose_row pose_column",
             "float64",
             "m",
             "P: the sensor's frame in the world; origin at the centre of the gel's base, +z its outward normal, "
             "+x along image columns, +y along image rows.",
         ),
         "touch_success": Array(
-            ("object", "grasp", "sensor"),
+            "object grasp sensor",
             "bool",
             "1",
             "M: whether the sensor touches, 0 < min D < w - 0.1 mm; w is the height of a curved gel at the pixel.",
         ),
         "contact_point": Array(
-            ("object", "grasp", "sensor", "xyz"),
-            "float64",
-            "m",
-            "Middle of the contact, in the world; 0 without a touch.",
-            optional=True,
+            "object grasp sensor xyz", "float64", "m", "Middle of the contact, in the world; 0 without a touch.", optional=True
         ),
         "contact_normal": Array(
-            ("object", "grasp", "sensor", "xyz"),
+            "object grasp sensor xyz",
             "float64",
             "1",
             "Unit normal of the object's surface there, into the object, in the world; 0 without a touch.",
             optional=True,
         ),
         "contact_area": Array(
-            ("object", "grasp", "sensor"),
+            "object grasp sensor",
             "float32",
             "m2",
             "Area of the sensor plane over which the surface is deeper than 0.1 mm in the undeformed gel; 0 without a touch.",
             optional=True,  # missing in datasets from before grasps were judged by more than touches
         ),
         "opposition": Array(
-            ("object", "grasp"),
+            "object grasp",
             "float32",
             "degree",
             "The greatest angle between the normals of two contacts: 180 where two sensors press against each other, 0 for fewer than two.",
             optional=True,
         ),
         "closure": Array(
-            ("object", "grasp"),
+            "object grasp",
             "float32",
             "1",
             "Margin of force closure, to 0.001: 0 where the contacts cannot hold the object by friction, 1 where all of them press alike.",
             optional=True,
         ),
         "held": Array(
-            ("object", "grasp"),
+            "object grasp",
             "bool",
             "1",
             "Whether the object, freed in the grasp, stays in the hand for a second of gravity: at the end its centre is within 10 cm of "
@@ -90,14 +83,10 @@ GRASPS = Artifact(
             optional=True,
         ),
         "held_directions": Array(
-            ("object", "grasp", "direction"),
-            "bool",
-            "1",
-            "The same with gravity along -x, +x, -y, +y, -z, +z of the world.",
-            optional=True,
+            "object grasp direction", "bool", "1", "The same with gravity along -x, +x, -y, +y, -z, +z of the world.", optional=True
         ),
         "hold_distance": Array(
-            ("object", "grasp", "direction"),
+            "object grasp direction",
             "float32",
             "m",
             "How far the object's centre is from where it was at the end of the hold test: beyond 10 cm, after a second or, where it "
@@ -106,7 +95,7 @@ GRASPS = Artifact(
             optional=True,
         ),
         "hold_speed": Array(
-            ("object", "grasp", "direction"),
+            "object grasp direction",
             "float32",
             "m s-1",
             "Its speed then: the distance in the last quarter second, divided by that time.",
@@ -114,14 +103,14 @@ GRASPS = Artifact(
             optional=True,
         ),
         "penetration": Array(
-            ("object", "grasp"),
+            "object grasp",
             "float32",
             "m",
             "Depth of the deepest rigid point inside the object, or of the object inside a rigid link; the gel is soft.",
         ),
-        "attempts": Array(("object",), "int32", "1", "Placements of the hand tried, before the best were chosen."),
+        "attempts": Array("object", "int32", "1", "Placements of the hand tried, before the best were chosen."),
         "attempt_success": Array(
-            ("object", "sensor"), "float32", "1", "Share of the attempts made in which the sensor touched, before the best were chosen."
+            "object sensor", "float32", "1", "Share of the attempts made in which the sensor touched, before the best were chosen."
         ),
     },
 )

@@ -13,10 +13,10 @@ PRESSES = Artifact(
     summary="Random shapes and patches of each object, pressed into a gel without a hand: to train networks that read photographs.",
     arrays={
         "press_shape": Array(
-            ("object", "press"), "uint8", "1", f"What was pressed: {', '.join(f'{code} {name}' for code, name in enumerate(PRESSED))}."
+            "object press", "uint8", "1", f"What was pressed: {', '.join(f'{code} {name}' for code, name in enumerate(PRESSED))}."
         ),
         "press_depth": Array(
-            ("object", "press", "row", "col"),
+            "object press row col",
             "float32",
             "m",
             "D: distance of the pressed shape from the sensor plane along its normal; +inf where nothing is met within range.",
@@ -24,17 +24,17 @@ PRESSES = Artifact(
             infinite=True,
         ),
         "press_indentation": Array(
-            ("object", "press", "row", "col"),
+            "object press row col",
             "float32",
             "m",
             "How deep the gel's surface lies below its rest: in the contact as the shape, around it as the gel is drawn in.",
         ),
-        "press_contact": Array(("object", "press", "row", "col"), "bool", "1", "Whether the shape touches the gel."),
+        "press_contact": Array("object press row col", "bool", "1", "Whether the shape touches the gel."),
         "press_pressure": Array(
-            ("object", "press", "row", "col"), "float32", "Pa", "Normal pressure on an elastic gel, 0 outside the contact.", optional=True
+            "object press row col", "float32", "Pa", "Normal pressure on an elastic gel, 0 outside the contact.", optional=True
         ),
-        "press_force": Array(("object", "press"), "float32", "N", "Normal force on an elastic gel.", optional=True),
-        "press_image": Array(("object", "press", "row", "col", "rgb"), "uint8", "1/255", "The tactile image of `press_indentation`."),
-        "press_untouched": Array(("row", "col", "rgb"), "uint8", "1/255", "The tactile image when nothing touches the sensor."),
+        "press_force": Array("object press", "float32", "N", "Normal force on an elastic gel.", optional=True),
+        "press_image": Array("object press row col rgb", "uint8", "1/255", "The tactile image of `press_indentation`."),
+        "press_untouched": Array("row col rgb", "uint8", "1/255", "The tactile image when nothing touches the sensor."),
     },
 )

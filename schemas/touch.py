@@ -11,38 +11,32 @@ TOUCH = Artifact(
     arrays={
         **coordinates("grasp", "sensor"),
         "depth": Array(
-            ("object", "grasp", "sensor", "row", "col"),
+            "object grasp sensor row col",
             "float32",
             "m",
             "D: distance from the sensor plane along its normal; +inf where nothing is met within range.",
             equation="1",
             infinite=True,
         ),
-        "tactile_image": Array(
-            ("object", "grasp", "sensor", "row", "col", "rgb"), "uint8", "1/255", "R: the tactile image of `depth`.", equation="2-5"
-        ),
+        "tactile_image": Array("object grasp sensor row col rgb", "uint8", "1/255", "R: the tactile image of `depth`.", equation="2-5"),
         "untouched": Array(
-            ("sensor", "row", "col", "rgb"),
+            "sensor row col rgb",
             "uint8",
             "1/255",
             "The tactile image of each sensor when nothing touches it: losses mask against it.",
             equation="2-5",
         ),
         "pressure": Array(
-            ("object", "grasp", "sensor", "row", "col"),
-            "float32",
-            "Pa",
-            "Normal pressure on an elastic gel, 0 outside the contact.",
-            optional=True,
+            "object grasp sensor row col", "float32", "Pa", "Normal pressure on an elastic gel, 0 outside the contact.", optional=True
         ),
-        "force": Array(("object", "grasp", "sensor"), "float32", "N", "Normal force on an elastic gel.", optional=True),
+        "force": Array("object grasp sensor", "float32", "N", "Normal force on an elastic gel.", optional=True),
         "local_points": Array(
-            ("object", "grasp", "sensor", "point", "xyz"),
+            "object grasp sensor point xyz",
             "float32",
             "m",
             "S^loc: world points with D < w, the gel's height there, in row-major pixel order, zeros beyond `local_count`.",
             optional=True,
         ),
-        "local_count": Array(("object", "grasp", "sensor"), "int32", "1", "How many of `local_points` there are.", optional=True),
+        "local_count": Array("object grasp sensor", "int32", "1", "How many of `local_points` there are.", optional=True),
     },
 )

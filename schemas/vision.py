@@ -10,24 +10,24 @@ VISION = Artifact(
     summary="Images of every object alone and in every grasp from each camera of the scene, with what each pixel shows.",
     arrays={
         **coordinates("grasp"),
-        "camera": Array(("camera",), "string", "1", "Name of the camera in the scene file. Networks are shown the first one's images."),
-        "unoccluded": Array(("object", "camera", "row", "col", "rgb"), "uint8", "1/255", "V_u: the object alone, sRGB."),
+        "camera": Array("camera", "string", "1", "Name of the camera in the scene file. Networks are shown the first one's images."),
+        "unoccluded": Array("object camera row col rgb", "uint8", "1/255", "V_u: the object alone, sRGB."),
         "occluded": Array(
-            ("object", "grasp", "camera", "row", "col", "rgb"),
+            "object grasp camera row col rgb",
             "uint8",
             "1/255",
             "V_o: the object with the hand as it stood in each grasp, sRGB.",
             optional=True,
         ),
         "segmentation": Array(
-            ("object", "view", "camera", "row", "col"),
+            "object view camera row col",
             "uint8",
             "1",
             "What the ray through a pixel's centre meets: 0 background, 1 object, 2 hand. "
             "View 0 is the unoccluded one, view 1 + g that of grasp g.",
         ),
         "camera_depth": Array(
-            ("object", "view", "camera", "row", "col"),
+            "object view camera row col",
             "float32",
             "m",
             "Distance along the viewing direction at which the ray through a pixel's centre meets a surface; +inf where it meets none. "
@@ -36,7 +36,7 @@ VISION = Artifact(
             optional=True,
         ),
         "projection": Array(
-            ("object", "camera", "image_axis", "homogeneous"),
+            "object camera image_axis homogeneous",
             "float64",
             "pixel; pixel / m",
             "Projection of homogeneous world points, m, to (column, row, 1) times depth; pixel centres at 1/2. "

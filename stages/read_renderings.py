@@ -1,7 +1,6 @@
 """`read-renderings`: the cited renderings of every object, with their cameras in its world (supplement 3.6)."""
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -50,26 +49,21 @@ class ReadRenderings(ObjectStage):
     def cost(self, settings: RenderingSettings) -> Cost:
         return Cost(seconds=0.3, kilobytes=200)
 
-    @contextmanager
-    def session(self, settings: RenderingSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
-        yield lambda unit, inputs: _process(unit, inputs, settings)
-
-
-def _process(unit: Unit, inputs: Inputs, settings: RenderingSettings) -> Row:
-    surface = inputs["surfaces"]
-    if "renderings" not in unit.source:
-        raise InvalidInput("its manifest names no renderings; use the manifest single-image, or give a shapenet source `renderings`")
-    if "placement" not in surface:
-        raise InvalidInput("its surface was made before placements were stored; run sample-surfaces again")
-    images, viewpoints = read_renderings(Path(unit.source["renderings"]))
-    opacity = images[..., 3:] / 255  # (viewpoint, row, col, 1)
-    if not (shows := (opacity >= 0.5).any(axis=(1, 2, 3))).all():
-        image = Path(unit.source["renderings"]) / image_name(int(shows.argmin()))
-        raise InvalidInput(f"{image} shows nothing; download the model's renderings again")
-    return {
-        "rendering": np.rint(opacity * images[..., :3] + (1 - opacity) * settings.background).astype(np.uint8),
-        "silhouette": opacity[..., 0] >= 0.5,
-        "rendering_camera": np.stack(
-            [placed_camera(viewpoint_camera(viewpoint, PIXELS), surface["placement"]) for viewpoint in viewpoints]
-        ),
-    }
+    def process(self, unit: Unit, inputs: Inputs, settings: RenderingSettings) -> Row:
+        surface = inputs["surfaces"]
+        if "renderings" not in unit.source:
+            raise InvalidInput("its manifest names no renderings; use the manifest single-image, or give a shapenet source `renderings`")
+        if "placement" not in surface:
+            raise InvalidInput("its surface was made before placements were stored; run sample-surfaces again")
+        images, viewpoints = read_renderings(Path(unit.source["renderings"]))
+        opacity = images[..., 3:] / 255  # (viewpoint, row, col, 1)
+        if not (shows := (opacity >= 0.5).any(axis=(1, 2, 3))).all():
+            image = Path(unit.source["renderings"]) / image_name(int(shows.argmin()))
+            raise InvalidInput(f"{image} shows nothing; download the model's renderings again")
+        return {
+            "rendering": np.rint(opacity * images[..., :3] + (1 - opacity) * settings.background).astype(np.uint8),
+            "silhouette": opacity[..., 0] >= 0.5,
+            "rendering_camera": np.stack(
+                [placed_camera(viewpoint_camera(viewpoint, PIXELS), surface["placement"]) for viewpoint in viewpoints]
+            ),
+        }

@@ -13,8 +13,7 @@ import yaml
 from pydantic import ValidationError
 
 from pipeline import plugins
-from pipeline.config.presets import load_presets
-from pipeline.config.settings import Settings
+from pipeline.config.settings import Settings, load_presets
 from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.engine.trade import Trade
 from pipeline.errors import InvalidInput, PipelineError, StageError, unknown_name
@@ -95,7 +94,7 @@ def resolve(
     Assignments to other stages change nothing, hence one list serves all stages. For an unknown preset, stage or
     setting, or a value that is not allowed, an `InvalidInput` lists the known ones.
     """
-    presets, settings = load_presets(), load_stage(stage).settings_type
+    presets, settings = load_presets(), _settings_type(stage)
     if preset not in presets:
         raise InvalidInput(unknown_name("preset", preset, presets))
     values = {**settings.presets.get(preset, {}), **presets[preset].get(stage, {})}
@@ -109,7 +108,7 @@ def resolve(
         if owner == stage or (not owner and (setting in settings.model_fields or not _is_known(setting, STAGES))):
             values[setting] = _value(assignment, text)
         elif owner and not _is_known(setting, [owner]):
-            raise InvalidInput(f"--set {assignment}: {unknown_name('setting', setting, load_stage(owner).settings_type.model_fields)}")
+            raise InvalidInput(f"--set {assignment}: {unknown_name('setting', setting, _settings_type(owner).model_fields)}")
     try:
         return settings.model_validate(values)
     except ValidationError as error:
@@ -132,10 +131,16 @@ def check_assignments(preset: str, assignments: Sequence[str], stage: str) -> No
             resolve(other, preset, assignments)
 
 
+def _settings_type(name: str) -> type[Settings]:
+    """Load the settings of a stage: a built-in one's even if a plugin has a stage of this name, which is an error when it runs."""
+    settings: type[Settings] = (STAGES[name].load() if name in BUILT_IN else load_stage(name)).settings_type
+    return settings
+
+
 def _is_known(setting: str, stages: Iterable[str]) -> bool:
     for stage in stages:
         with suppress(PipelineError):  # of a plugin that cannot be used
-            if setting in load_stage(stage).settings_type.model_fields:
+            if setting in _settings_type(stage).model_fields:
                 return True
     return False
 

@@ -1,16 +1,12 @@
 """`sample-distances`: signed distances from points in space to every object's surface, which implicit networks learn from."""
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from pathlib import Path
-
 import numpy as np
 
 from pipeline.config.settings import ObjectSettings, setting
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
-from pipeline.kernels.geometry.normalise import DIAGONAL, bounding_diagonal
+from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, bounding_diagonal
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.distances import DISTANCES
@@ -46,19 +42,14 @@ class SampleDistances(ObjectStage):
         """Estimate a distance and a winding number per point."""
         return Cost(seconds=0.25 * settings.queries / 16_384, kilobytes=240 * settings.queries / 16_384)
 
-    @contextmanager
-    def session(self, settings: DistanceSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
-        yield lambda unit, inputs: _process(unit, inputs, settings)
+    def process(self, unit: Unit, inputs: Inputs, settings: DistanceSettings) -> Row:
+        from pipeline.kernels.geometry.signed_distance import sample_around_surface, signed_distances
 
-
-def _process(unit: Unit, inputs: Inputs, settings: DistanceSettings) -> Row:
-    from pipeline.kernels.geometry.signed_distance import sample_around_surface, signed_distances
-
-    surface = inputs["surfaces"]
-    mesh = read_mesh(surface)
-    scale = bounding_diagonal(mesh.vertices) / DIAGONAL
-    spread = (scale * SPREAD[0], scale * SPREAD[1])
-    points, rng = surface["points"].astype(np.float64), unit.rng("sample-distances")
-    queries = sample_around_surface(points, settings.queries, rng, near=NEAR, spread=spread, reach=scale * REACH).astype(np.float32)
-    distances = signed_distances(queries.astype(np.float64), mesh.vertices, mesh.faces)
-    return {"query_points": queries, "signed_distance": distances.astype(np.float32)}
+        surface = inputs["surfaces"]
+        mesh = read_mesh(surface)
+        scale = bounding_diagonal(mesh.vertices) / DIAGONAL
+        spread = (scale * SPREAD[0], scale * SPREAD[1])
+        points, rng = surface["points"].astype(np.float64), unit.rng("sample-distances")
+        queries = sample_around_surface(points, settings.queries, rng, near=NEAR, spread=spread, reach=scale * REACH).astype(np.float32)
+        distances = signed_distances(queries.astype(np.float64), mesh.vertices, mesh.faces)
+        return {"query_points": queries, "signed_distance": distances.astype(np.float32)}

@@ -1,7 +1,6 @@
 """`sample-surfaces`: every object's cleaned and normalised mesh, and points on its exterior surface (supplement 1.1, 1.2)."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +17,7 @@ from pipeline.engine.trade import Trade
 from pipeline.engine.unit import Unit
 from pipeline.formats.file_content import is_pointer_file
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.mesh_cleaning import CleaningReport, clean_mesh
-from pipeline.kernels.geometry.normalise import normalise_mesh, normalising_transform
+from pipeline.kernels.geometry.mesh_cleaning import CleaningReport, clean_mesh, normalise_mesh, normalising_transform
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
 from schemas.surfaces import SURFACES
@@ -74,27 +72,22 @@ class SampleSurfaces(ObjectStage):
     def cost(self, settings: SurfaceSettings) -> Cost:
         return Cost(seconds=0.15, kilobytes=400 * settings.points / 10_000)
 
-    @contextmanager
-    def session(self, settings: SurfaceSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
-        yield lambda unit, inputs: _process(unit, settings)
+    def process(self, unit: Unit, inputs: Inputs, settings: SurfaceSettings) -> Row:
+        from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 
-
-def _process(unit: Unit, settings: SurfaceSettings) -> Row:
-    from pipeline.kernels.geometry.exterior_sampling import sample_exterior
-
-    mesh, placement, report = normalised_mesh(unit.source, settings)
-    points, normals = sample_exterior(mesh, settings.points, unit.rng("sample-surfaces"), directions=settings.directions)
-    return {
-        "points": points,
-        "normals": normals,
-        "placement": placement,
-        **_origin(unit.source),
-        "unread": np.array("\n".join(mesh.unread)),
-        "watertight": np.array(report.watertight),
-        "degenerate_faces": np.array(report.degenerate_faces, np.int32),
-        "duplicate_faces": np.array(report.duplicate_faces, np.int32),
-        **mesh_row(mesh),
-    }
+        mesh, placement, report = normalised_mesh(unit.source, settings)
+        points, normals = sample_exterior(mesh, settings.points, unit.rng("sample-surfaces"), directions=settings.directions)
+        return {
+            "points": points,
+            "normals": normals,
+            "placement": placement,
+            **_origin(unit.source),
+            "unread": np.array("\n".join(mesh.unread)),
+            "watertight": np.array(report.watertight),
+            "degenerate_faces": np.array(report.degenerate_faces, np.int32),
+            "duplicate_faces": np.array(report.duplicate_faces, np.int32),
+            **mesh_row(mesh),
+        }
 
 
 def _origin(source: Mapping[str, Any]) -> Row:

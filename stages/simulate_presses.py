@@ -1,8 +1,7 @@
 """`simulate-presses`: the images of random shapes, and of patches of each object, that are pressed into a gel without a hand."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -122,31 +121,25 @@ class SimulatePresses(ObjectStage):
         share = ((settings.pixels or 640) / 160) ** 2 * settings.presses
         return Cost(seconds=0.006 * share, kilobytes=60 * share)
 
-    @contextmanager
-    def session(self, settings: PressSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
-        sensor = pressed_sensor(settings)
-        yield lambda unit, inputs: _process(unit, inputs, sensor, settings)
+    def process(self, unit: Unit, inputs: Inputs, settings: PressSettings) -> Row:
+        view, sensor = inputs["surfaces"], pressed_sensor(settings)
+        faces = box_faces(read_mesh(view).triangles)
+        ranges = PressRanges(settings.size, settings.depth)
+        rows = []
+        for number in range(settings.presses):
+            rng = unit.rng("simulate-presses", number)
+            if rng.random() < settings.patches:
+                press = random_patch(faces, view["points"], view["normals"], sensor, rng, ranges=ranges, scale=SCALE)
+            else:
+                press = random_press(sensor, rng, ranges, settings.shapes)
+            rows.append(_pressed(press, sensor, settings, rng))
+        return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 
 
 def pressed_sensor(settings: PressSettings) -> Sensor:
     """Load the sensor, with as many pixels as the settings say."""
     sensor = load_sensor(settings.sensor)
     return sensor if settings.pixels is None else resample_longer_side(sensor, settings.pixels)
-
-
-def _process(unit: Unit, inputs: Inputs, sensor: Sensor, settings: PressSettings) -> Row:
-    view = inputs["surfaces"]
-    faces = box_faces(read_mesh(view).triangles)
-    ranges = PressRanges(settings.size, settings.depth)
-    rows = []
-    for number in range(settings.presses):
-        rng = unit.rng("simulate-presses", number)
-        if rng.random() < settings.patches:
-            press = random_patch(faces, view["points"], view["normals"], sensor, rng, ranges=ranges, scale=SCALE)
-        else:
-            press = random_press(sensor, rng, ranges, settings.shapes)
-        rows.append(_pressed(press, sensor, settings, rng))
-    return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 
 
 def _pressed(press: Press, sensor: Sensor, settings: PressSettings, rng: np.random.Generator) -> Row:

@@ -18,9 +18,8 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files
 from pipeline.kernels.touch.depth_maps import local_points, quantise_depth
 from pipeline.kernels.touch.pressed_gel import normal_force, press_gel
-from pipeline.kernels.touch.ray_depth import BoxedFaces, box_faces, ray_depth
+from pipeline.kernels.touch.ray_depth import BoxedFaces, box_faces, ray_depth, sphere_traced_depth
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.store.directory import DataDirectory
 from pipeline.store.rows import Row

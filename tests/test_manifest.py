@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from pipeline.config.manifest import _sizes, load_manifest
-from pipeline.config.objects import checksum, fingerprint
+from pipeline.config.sources import checksum, fingerprint
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import shipped_files
 from tests.small_manifests import CUBE, folder, manifest
@@ -56,12 +56,6 @@ def test_split_sizes_follow_the_shares_and_are_not_empty_if_possible(shares, obj
     assert _sizes(shares, objects) == sizes
 
 
-def test_pybullet_objects_manifest_has_1004_objects():
-    objects = load_manifest("pybullet-objects").objects()
-    assert len(objects) == 1004
-    assert {"duck", "mug", "teddy", "bunny", "random-000", "random-999"} <= {item.object_id for item in objects}
-
-
 def test_source_with_a_split_is_left_out_of_the_random_split():
     drawn = {"kind": "procedural", "licence": "x", "seed": 0, "count": {"bottle": 4}}
     stated = {"kind": "pybullet", "licence": "x", "split": "test", "files": {"duck": {"file": "duck.obj"}, "bunny": {"file": "bunny.obj"}}}
@@ -69,26 +63,6 @@ def test_source_with_a_split_is_left_out_of_the_random_split():
     assert both == alone | {"duck": "test", "bunny": "test"}
     counts = {"train": 2, "valid": 1, "test": 1}
     assert Counter(item.split for item in manifest(drawn, stated, splits=counts).objects()) == {"train": 2, "valid": 1, "test": 3}
-
-
-def test_split_counts_must_sum_to_the_number_of_objects(tmp_path):
-    (tmp_path / "a.obj").write_text(CUBE)
-    with pytest.raises(InvalidInput, match=r"1298 \+ 258 \+ 175 = 1731 objects, 1 were found"):
-        manifest(folder("directory", tmp_path), splits={"train": 1298, "valid": 258, "test": 175}).objects()
-    with pytest.raises(InvalidInput, match="= 2 objects, 0 were found without the 1 whose source states its split"):
-        manifest(folder("directory", tmp_path, split="test"), splits={"train": 1, "valid": 1, "test": 0}).objects()
-
-
-def test_source_without_objects_is_refused_beside_others(tmp_path):
-    (tmp_path / "a.obj").write_text(CUBE)
-    with pytest.raises(InvalidInput, match="manifest m: a pybullet source names no objects; give it some"):
-        manifest(folder("directory", tmp_path), {"kind": "pybullet", "licence": "x"}).objects()
-
-
-def test_counts_of_a_source_are_bounded():
-    endless = {"kind": "procedural", "licence": "x", "seed": 0, "count": {"bottle": 2**31}}
-    with pytest.raises(InvalidInput, match="a source has more than 200000 objects"):
-        manifest(endless).objects()
 
 
 def test_paths_are_relative_to_the_manifest(tmp_path, monkeypatch):
@@ -103,24 +77,6 @@ def test_paths_are_relative_to_the_manifest(tmp_path, monkeypatch):
         load_manifest(str(tmp_path / "mine.yml"))
 
 
-def test_path_below_the_home_of_an_unknown_user_is_no_folder(tmp_path):
-    described = manifest(folder("directory", "~nosuchuser/meshes")).model_dump(mode="json")
-    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(described))
-    with pytest.raises(InvalidInput, match=f"{tmp_path}/~nosuchuser/meshes is no folder"):
-        load_manifest(str(tmp_path / "mine.yaml")).objects()
-
-
-def test_missing_household_objects_are_reported_with_the_command_that_gets_them(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(InvalidInput, match=r"data/meshes/household is no folder; give a folder .*`make household`"):
-        load_manifest("household").objects()
-
-
-def test_objects_folder_that_no_source_uses_is_refused(tmp_path):
-    with pytest.raises(InvalidInput, match="manifest toy names its own objects: leave --objects"):
-        load_manifest("toy").objects(tmp_path)
-
-
 def test_objects_folder_goes_to_the_source_without_a_path(tmp_path):
     for name in "abc":
         (tmp_path / name).mkdir()
@@ -132,13 +88,6 @@ def test_objects_folder_goes_to_the_source_without_a_path(tmp_path):
     for sources, remedy in zip(((named, other), (nameless, nameless)), remedies, strict=True):
         with pytest.raises(InvalidInput, match=rf"2 sources of manifest m take a folder, and --objects .* names one: {remedy}"):
             manifest(*sources).objects(tmp_path / "b")
-
-
-def test_missing_and_empty_folders_are_errors_with_a_remedy(tmp_path):
-    with pytest.raises(InvalidInput, match="give a folder of meshes with --objects DIR"):
-        load_manifest("directory").objects()
-    with pytest.raises(InvalidInput, match="no mesh files below"):
-        load_manifest("directory").objects(tmp_path)
 
 
 def test_different_checksum_is_an_error(tmp_path):
@@ -159,9 +108,10 @@ def test_different_checksum_is_an_error(tmp_path):
         ({"descriptoin": "x"}, "there is no entry descriptoin, did you mean description\\?"),
         ({"sources": [{"kind": "cloud", "licence": "x"}]}, r"unknown kind of source cloud; choose from [^;]*procedural\. Its entries"),
         ({"seed": -1}, "seed"),
+        *(({"name": f"m{character}"}, "name: .*which steers how text is shown") for character in "\0\n\x1b\u202e\u2066"),
         ({"sources": []}, "sources"),
-        ({"sources": [{"kind": "cloud", "licence": "x"}]}, "cloud"),
         ({"sources": [{"kind": "directory", "up": "z"}]}, "licence"),
+        ({"sources": [{"kind": "directory", "licence": "x", "files": {}}]}, r"there is no entry sources\.0\.files"),
         ({"sources": [{"licence": "x"}]}, r"file .*mine\.yaml: sources\.0: names no kind; write one of pybullet, "),
         ({"sources": [{"kind": "directory", "licence": "x", "metres_per_unit": "mm"}]}, r"metres_per_unit: .* \(it is 'mm'\)"),
         ({"sources": [{"kind": "directory", "licence": "x", "metres_per_unit": 1e-300}]}, r"metres_per_unit: .* \(it is 1e-300\)"),
@@ -172,30 +122,6 @@ def test_fault_in_a_manifest_file_is_named(tmp_path, change, reason):
     path.write_text(yaml.safe_dump(load_manifest("directory").model_dump(mode="json") | change))
     with pytest.raises(InvalidInput, match=reason):
         load_manifest(str(path))
-
-
-def test_unknown_manifest_lists_the_built_in_ones():
-    with pytest.raises(
-        InvalidInput,
-        match="built in are directory, four-classes, household, one-of-each, procedural, pybullet-objects, single-image, "
-        "thirteen-classes, toy",
-    ):
-        load_manifest("moon")
-
-
-def test_duplicate_object_names_are_an_error(tmp_path):
-    (tmp_path / "a.obj").write_text(CUBE)
-    with pytest.raises(InvalidInput, match="two objects are called a"):
-        manifest(folder("directory", tmp_path), folder("directory", tmp_path)).objects()
-    drawn = {"kind": "procedural", "licence": "x", "count": {"bottle": 1}}
-    with pytest.raises(InvalidInput, match=r"called bottle-0000: a procedural one and .* let one procedural source make the class"):
-        manifest(drawn | {"seed": 0}, drawn | {"seed": 1}).objects()
-
-
-def test_name_that_cannot_name_an_object_is_refused_with_the_rule(tmp_path):
-    (tmp_path / "zarr.json.obj").write_text(CUBE)
-    with pytest.raises(InvalidInput, match=r"cannot name an object; .* the first no '\.', and not zarr\.json: rename it, or its file"):
-        manifest(folder("directory", tmp_path)).objects()
 
 
 def test_up_of_a_pybullet_file_overrides_that_of_its_source():
@@ -216,11 +142,6 @@ def test_units_are_those_of_sources_that_state_none(tmp_path):
         manifest(stated | {"metres_per_unit": 1.0}).with_units("mm", None)
 
 
-def test_pybullet_file_that_is_missing_is_named():
-    with pytest.raises(InvalidInput, match=r"no 'dukc.obj' in .*; correct the path of duck"):
-        manifest({"kind": "pybullet", "licence": "x", "files": {"duck": {"file": "dukc.obj"}}}).objects()
-
-
 def test_fingerprint_depends_on_file_contents_and_not_on_their_folder(tmp_path):
     prints = []
     for name in ("here", "there"):
@@ -234,30 +155,45 @@ def test_fingerprint_depends_on_file_contents_and_not_on_their_folder(tmp_path):
     assert fingerprint(manifest(folder("directory", tmp_path / "there")).objects()[0].source) != prints[0]
 
 
-@pytest.mark.parametrize("character", ["\0", "\n", "\x1b", "\u202e", "\u2066"])
-def test_names_with_control_characters_are_refused(tmp_path, character):
-    source = {"kind": "pybullet", "licence": "x", "files": {"duck": {"file": "duck.obj"}}, "category": f"mu{character}g"}
-    with pytest.raises(InvalidInput, match=r"manifest m: 'mu.*g' has the character .*, which steers how text is shown"):
-        manifest(source).objects()
-    described = {"name": f"m{character}", "description": "d", "seed": 0, "splits": {"train": 1, "valid": 0, "test": 0}}
-    (tmp_path / "m.yaml").write_text(yaml.safe_dump(described | {"sources": [source]}))
-    with pytest.raises(InvalidInput, match=r"name: .*which steers how text is shown"):
-        load_manifest(str(tmp_path / "m.yaml"))
-
-
-def test_empty_category_is_refused():
-    with pytest.raises(InvalidInput, match="duck has no category; name one"):
-        manifest({"kind": "pybullet", "licence": "x", "files": {"duck": {"file": "duck.obj"}}, "category": " "}).objects()
-
-
 def test_names_in_any_script_are_accepted():
     source = {"kind": "pybullet", "licence": "x", "files": {"duck": {"file": "duck.obj"}}, "category": "می\u200cخواهم 杯\u3000"}
     assert manifest(source).objects()[0].category == source["category"]
 
 
-def test_entry_of_another_source_kind_is_named(tmp_path):
-    source = "{kind: directory, licence: CC0, path: ., files: {can: {file: can.obj, up: z}}}"
-    path = tmp_path / "own.yaml"
-    path.write_text(f"name: own\ndescription: d\nseed: 0\nsplits: {{train: 1, valid: 0, test: 0}}\nsources:\n  - {source}\n")
-    with pytest.raises(InvalidInput, match=r"there is no entry sources\.0\.files"):
-        load_manifest(str(path))
+HERE, DRAWN = folder("directory", "here"), {"kind": "procedural", "licence": "x", "seed": 0, "count": {"bottle": 1}}
+DUCK = {"kind": "pybullet", "licence": "x", "files": {"duck": {"file": "duck.obj"}}}
+
+
+@pytest.mark.parametrize(
+    ("sources", "options", "message"),
+    [
+        ([HERE], {"splits": {"train": 1298, "valid": 258, "test": 175}}, r"1298 \+ 258 \+ 175 = 1731 objects, 1 were found"),
+        ([HERE | {"split": "test"}], {"splits": {"train": 1, "valid": 1, "test": 0}}, "2 objects, 0 were found without the 1 whose source"),
+        ([HERE, {"kind": "pybullet", "licence": "x"}], {}, "manifest m: a pybullet source names no objects; give it some"),
+        ([DRAWN | {"count": {"bottle": 2**31}}], {}, "a source has more than 200000 objects"),
+        ([folder("directory", "~nosuchuser/meshes")], {}, "~nosuchuser/meshes is no folder"),
+        ([folder("directory")], {}, "give a folder of meshes with --objects DIR"),
+        ([folder("directory", "empty")], {}, "no mesh files below"),
+        ([HERE, HERE], {}, "two objects are called a"),
+        ([DRAWN, DRAWN | {"seed": 1}], {}, "called bottle-0000: a procedural one and .* let one procedural source make the class"),
+        ([folder("directory", "zarr")], {}, r"cannot name an object; .* the first no '\.', and not zarr\.json: rename it, or its file"),
+        ([DUCK | {"category": " "}], {}, "duck has no category; name one"),
+        ([DUCK | {"category": "mu\x1bg"}], {}, "'mu.*g' has the character .*, which steers how text is shown"),
+        ([DUCK | {"files": {"duck": {"file": "dukc.obj"}}}], {}, r"no 'dukc.obj' in .*; correct the path of duck"),
+    ],
+)
+def test_sources_that_cannot_be_listed_are_refused(tmp_path, monkeypatch, sources, options, message):
+    for name in ("here/a.obj", "zarr/zarr.json.obj", "empty/a.txt"):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).write_text(CUBE)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InvalidInput, match=message):
+        manifest(*sources, **options).objects()
+
+
+def test_built_in_manifest_without_its_folder_or_with_one_too_many_says_what_to_do(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InvalidInput, match=r"data/meshes/household is no folder; give a folder .*`make household`"):
+        load_manifest("household").objects()
+    with pytest.raises(InvalidInput, match="manifest toy names its own objects: leave --objects"):
+        load_manifest("toy").objects(tmp_path)

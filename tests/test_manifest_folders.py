@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.config.manifest import Manifest, load_manifest
-from pipeline.config.objects import fingerprint
+from pipeline.config.sources import fingerprint
 from pipeline.errors import InvalidInput
 from tests.small_manifests import CUBE, folder, manifest
 

@@ -9,8 +9,7 @@ import trimesh
 from PIL import Image
 
 from pipeline.config.manifest import load_manifest
-from pipeline.config.objects import Object, fingerprint
-from pipeline.config.sources import identity
+from pipeline.config.sources import Object, fingerprint, identity
 from pipeline.contrib.calibration.ball_photographs import CIRCLES, _read_circles
 from pipeline.errors import PipelineError
 from pipeline.formats.file_content import MESH_SUFFIXES

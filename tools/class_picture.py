@@ -6,7 +6,7 @@ from pathlib import Path
 from pipeline.contrib.toy_objects import CATEGORIES, generate
 from pipeline.drawing.views import fitted_camera, render_mesh
 from pipeline.formats.scene_file import load_scene
-from pipeline.kernels.geometry.normalise import normalise_mesh
+from pipeline.kernels.geometry.mesh_cleaning import normalise_mesh
 from pipeline.rng import numpy_rng
 from stages.render_vision.renderer import Renderer
 from tools.picture_row import Panel, draw_row

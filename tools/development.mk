@@ -23,11 +23,11 @@ sensor-weights: $$(if $$(REAL),installed-peers,setup)  ## train the networks tha
 
 test-cpus: lint  ## run the tests as on older processors: without AVX-512, and without AVX2 and FMA
 	@for name in haswell prescott; do \
-	    echo "as on $$name"; $(BIN)/python -m checks.processors $$name $(BIN)/pytest -n auto --dist loadfile -m 'not slow' || exit 1; done
+	    echo "as on $$name"; OMP_NUM_THREADS=1 $(BIN)/python -m checks.processors $$name $(BIN)/pytest -n auto --dist loadfile -m 'not slow' || exit 1; done
 	@$(BIN)/pytest -n 0 checks/same_bytes.py
 
 test-slow: lint  ## run the same tests at full size
-	@$(BIN)/pytest -n auto --dist loadfile --hypothesis-profile thorough tests checks/memory.py
+	@$(PYTEST) --hypothesis-profile thorough tests checks/memory.py
 
 test-extremes: installed-dev  ## feed kernels with the extremes of their ranges, against exact arithmetic; writes docs/extremes.md (5 minutes)
 	@$(BIN)/python -m checks.extremes --write docs/extremes.md
@@ -69,7 +69,7 @@ fuzz: installed-dev  ## feed a million invalid files to all file readers (half a
 	@$(BIN)/python -m checks.fuzz
 
 bench: installed-dev simulate-touch.0  ## measure every stage beside its raw limit, in one run
-	@$(BIN)/python -m benchmarks surfaces grasps vision depth presses chamfer unet charts gcn --data $(call quoted,$(DATA))
+	@$(BIN)/python -m benchmarks surfaces vision depth presses chamfer gcn --data $(call quoted,$(DATA))
 
 bench-grasps: installed-dev simulate-grasps.0  ## test DATA's grasps in PyBullet and MuJoCo: lift, six directions, DexGraspBench
 	@$(BIN)/python -m benchmarks.held_grasps $(call quoted,$(DATA))

@@ -18,35 +18,21 @@ LIST = "PluginFurnitureCatalog.properties"
 COLUMNS = ("object_id", "category", "file", "up", "name", "licence", "creator")
 
 
-def unpack(libraries: Sequence[Path], folder: Path) -> tuple[int, list[str]]:
+def unpack(libraries: Sequence[Path], folder: Path) -> tuple[int, list[str]]:  # models, a line for each that was skipped
     """Unpack the models of libraries, with what their folders hold, and write `catalogue.csv` last.
 
-    Parameters
-    ----------
-    libraries
-        `.sh3f` files: zip archives of one folder per model, and of a list with each model's name, category, licence and creator.
-    folder
-        The folder to write into.
-
-    Returns
-    -------
-    The number of models, and a line for each that was left out.
-
-    Raises
-    ------
-    InvalidInput
-        A file is no such library.
+    A `.sh3f` file is a zip archive of one folder per model, and of a list with each model's name, category, licence and creator.
     """
     folder.mkdir(parents=True, exist_ok=True)
     models: list[dict[str, str]] = []
-    left_out: list[str] = []
+    skipped: list[str] = []
     for library in libraries:
         try:
             with zipfile.ZipFile(library) as archive:
                 for model in _models(archive):
                     file = PurePosixPath(model["file"])
                     if file.suffix.lower() not in MESH_SUFFIXES:
-                        left_out.append(
+                        skipped.append(
                             f"{model['name']} ({file}): {file.suffix} cannot be read; convert it to one of {', '.join(MESH_SUFFIXES)}"
                         )
                         continue
@@ -58,7 +44,7 @@ def unpack(libraries: Sequence[Path], folder: Path) -> tuple[int, list[str]]:
         writer = csv.DictWriter(file_opened, COLUMNS)
         writer.writeheader()
         writer.writerows(models)
-    return len(models), left_out
+    return len(models), skipped
 
 
 def _models(archive: zipfile.ZipFile) -> Iterator[dict[str, str]]:
@@ -95,12 +81,12 @@ def _unescaped(value: str) -> str:
 
 
 def main() -> None:
-    """Unpack the libraries that the command line names, and print what was left out."""
+    """Unpack the libraries that the command line names, and print what was skipped."""
     if len(sys.argv) < 3:
         raise SystemExit("usage: python -m tools.furniture_library FOLDER LIBRARY.sh3f...")
     folder, *libraries = map(Path, sys.argv[1:])
-    number, left_out = unpack(libraries, folder)
-    print("\n".join([*left_out, f"{folder}: {number} models, {len(left_out)} left out; licences and creators are in catalogue.csv"]))
+    number, skipped = unpack(libraries, folder)
+    print("\n".join([*skipped, f"{folder}: {number} models, {len(skipped)} skipped; licences and creators are in catalogue.csv"]))
 
 
 if __name__ == "__main__":

@@ -15,8 +15,7 @@ from pydantic.fields import FieldInfo
 
 from pipeline import plugins
 from pipeline.config.manifest import MESH_SOURCES, Manifest
-from pipeline.config.presets import load_presets
-from pipeline.config.settings import Settings, value_text
+from pipeline.config.settings import Settings, load_presets, value_text
 from pipeline.config.sources import MeshSource, Source
 from pipeline.formats.hand_file import HandFile
 from pipeline.kernels.touch.sensor import Sensor

@@ -5,21 +5,23 @@ folder does not know. Viewpoints are drawn as in the cited renderings: azimuths 
 """
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
+from PIL import Image
 
 from pipeline.config.folder_sources import ShapeNet
 from pipeline.config.manifest import load_manifest
 from pipeline.console import Meter, errors, print_line
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.errors import StageError
-from pipeline.formats.rendering_folder import PIXELS, VIEWS, write_renderings
+from pipeline.formats.rendering_folder import METADATA, PIXELS, VIEWS, image_name
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.normalise import POSITION, bounding_diagonal
+from pipeline.kernels.geometry.mesh_cleaning import POSITION, bounding_diagonal
 from pipeline.kernels.vision.camera import FARTHEST, FOCAL, SENSOR, Camera, Viewpoint, look_at
 from pipeline.kernels.vision.scene import Label
 from pipeline.rng import numpy_rng
@@ -35,21 +37,23 @@ LAMP_ABOVE = 0.6
 LOWEST, HIGHEST, NEAREST = 25.0, 30.0, 0.65
 """Degrees, and the least distance ratio, of the cited renderings."""
 
+FIELD_OF_VIEW = 25.0
+"""Degrees, the last value of each line of the metadata: the cited renderings state it, and were not made with it."""
 
-def write_dataset(data: str, folder: Path, seed: int = 0) -> int:
-    """Write all objects of a data directory that have a surface, as `ShapeNetCore.v1` and `ShapeNetRendering` in a folder.
 
-    Returns
-    -------
-    The number of objects.
+def write_renderings(folder: Path, images: NDArray[np.uint8], viewpoints: Sequence[Viewpoint]) -> None:
+    """Write a model's renderings (24, 137, 137, 4), sRGB and opacity, in the form that `read_renderings` reads."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, image in enumerate(images):
+        Image.fromarray(image).save(folder / image_name(number))
+    (folder / "renderings.txt").write_text("".join(f"{image_name(number)}\n" for number in range(len(images))))
+    (folder / METADATA).write_text(
+        "".join(" ".join(map(repr, [*vars(viewpoint).values(), FIELD_OF_VIEW])) + "\n" for viewpoint in viewpoints)
+    )
 
-    Raises
-    ------
-    StageError
-        A category has no synset in the manifest `single-image`.
-    NoOpenGL
-        Nothing can be rendered here.
-    """
+
+def write_dataset(data: str, folder: Path, seed: int = 0) -> int:  # the number of objects
+    """Write all objects of a data directory that have a surface, as `ShapeNetCore.v1` and `ShapeNetRendering` in a folder."""
     surfaces, synsets = DataDirectory(as_location(data)).collection(SURFACES), synsets_of("single-image")
     names = [name for name in surfaces if not surfaces.row(name).failure]
     if unknown := sorted({surfaces.row(name).category for name in names} - synsets.keys()):

@@ -107,18 +107,6 @@ def compare(photographs: PhotographSet, results: list[tuple[str, list[Reading]]]
     return table
 
 
-def by_press(photographs: PhotographSet, results: list[tuple[str, list[Reading]]]) -> Table:
-    """Tabulate the RMSE of each press (of balls of unknown depth, of their shape), mm: methods in columns, seeds averaged."""
-    by_method: dict[str, list[list[Scores]]] = {}
-    for name, readings in results:
-        by_method.setdefault(name.partition(", seed")[0], []).append(scores_of(readings, photographs))
-    table = Table(f"{photographs.name}: each press, mm", list(by_method))
-    for index, press in enumerate(photographs.presses):
-        errors = [[seed[index].rmse if press.absolute else seed[index].shape for seed in seeds] for seeds in by_method.values()]
-        table.add(press.name, *(number(float(np.mean(values))) for values in errors))
-    return table
-
-
 def drawn_in(photographs: PhotographSet, methods_by_name: dict[str, Method]) -> Table:
     """Tabulate the depth that methods read around the balls they were fitted to, mm, by distance in contact radii."""
     table = Table(f"{photographs.name}: the gel around the balls", [f"{distance:g}" for distance in AROUND])
@@ -212,8 +200,8 @@ def main() -> None:
                 results.append((name, readings))
                 least_ms[name] = min(times)
                 first_methods.setdefault(name.partition(", seed")[0], method)
-        tables = [compare(photographs, results, least_ms), by_press(photographs, results)]
-        notes = ["Means over the presses.", "RMSE; of balls of unknown depth, of their shape. Means over the seeds."]
+        tables = [compare(photographs, results, least_ms)]
+        notes = ["Means over the presses."]
         if not arguments.predictions:
             tables.append(drawn_in(photographs, first_methods))
             notes.append(

@@ -22,26 +22,14 @@ class Reading:
 
 @dataclass(frozen=True)
 class Scores:
-    """Errors of a reading.
+    """Errors of a reading."""
 
-    Attributes
-    ----------
-    rmse, bias
-        Root of the mean squared depth error over the footprint, and the mean error, mm; NaN where the truth is a shape without depth.
-    shape
-        The RMSE after the mean error is taken away, mm.
-    sphere, flat
-        Mean angle between normals, degrees, on balls and on flat faces.
-    overlap
-        Intersection over union of contact and footprint; NaN where a method does not say.
-    """
-
-    rmse: float
-    bias: float
-    shape: float
-    sphere: float
-    flat: float
-    overlap: float
+    rmse: float  # root of the mean squared depth error over the footprint, mm; NaN where the truth is a shape without depth
+    bias: float  # mean error, mm; likewise
+    shape: float  # the RMSE after the mean error is taken away, mm
+    sphere: float  # mean angle between normals, degrees, on balls
+    flat: float  # on flat faces
+    overlap: float  # intersection over union of contact and footprint; NaN where a method does not say
 
 
 def score(reading: Reading, press: Press, scale: float) -> Scores:

@@ -12,12 +12,11 @@ from pipeline.formats.hand_file import load_hand
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.charts.touch_chart import FitOptions, chart_square
+from pipeline.kernels.geometry.closed_surface import wrap_surface
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh, face_cross_products, sample_triangles
-from pipeline.kernels.geometry.mesh_cleaning import clean_mesh
-from pipeline.kernels.geometry.normalise import POSITION, normalise_mesh
+from pipeline.kernels.geometry.mesh_cleaning import POSITION, clean_mesh, normalise_mesh
 from pipeline.kernels.geometry.signed_distance import rms_distance_to_surface, signed_distances
-from pipeline.kernels.geometry.surface_wrapping import wrap_surface
 from pipeline.kernels.hand.distance_field import build_distance_field
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.metrics.chamfer import chamfer
@@ -25,12 +24,11 @@ from pipeline.kernels.metrics.cloud_distances import cloud_distances
 from pipeline.kernels.metrics.surface_quality import surface_area
 from pipeline.kernels.metrics.surface_sampling import sample_surface
 from pipeline.kernels.touch.depth_maps import in_gel, local_points
-from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth, sphere_traced_depth
 from pipeline.kernels.touch.sensor import pixel_centres
-from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
 from pipeline.kernels.touch.tactile_image import tactile_image
 from pipeline.kernels.vision.camera import look_at, project_points, projection_matrix
-from pipeline.kernels.vision.corner_normals import CREASE, corner_normals
+from pipeline.kernels.vision.primitives import CREASE, corner_normals
 from tests.references import exact_distances as exact
 from tests.references.allegro_tips import tip_frame
 from tests.references.exact_arithmetic import cross_product, intersect_ray

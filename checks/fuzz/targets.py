@@ -17,11 +17,10 @@ from PIL import Image
 from checks.fuzz.predict_target import Predictions
 from checks.fuzz.store_target import Stores
 from checks.fuzz.target import Files, Target
-from pipeline.cluster.cluster_profile import load_cluster
-from pipeline.cluster.slurm_jobs import Submission, plan_jobs, script_of
+from pipeline.cluster.slurm_jobs import Submission, load_cluster, plan_jobs, script_of
 from pipeline.config import folder_sources
 from pipeline.config.manifest import load_manifest
-from pipeline.config.objects import fingerprint
+from pipeline.config.sources import fingerprint
 from pipeline.formats.file_units import stated_units
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.mesh_reader import load_mesh

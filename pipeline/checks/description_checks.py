@@ -15,7 +15,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import Kind, description_path, read_yaml, shipped_files, texts_in
 from pipeline.formats.file_content import expanded
 from pipeline.formats.scene_file import load_scene
-from pipeline.kernels.geometry.normalise import POSITION
+from pipeline.kernels.geometry.mesh_cleaning import POSITION
 from pipeline.kernels.vision.camera import camera_pose, project_points, projection_matrix
 from pipeline.kernels.vision.scene import NamedCamera
 

@@ -1,7 +1,5 @@
 """Check a hand file: joints, overlaps and faults, and a picture of the hand from three sides."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +8,6 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from pipeline.checks.hand_trial import trial_grasps
 from pipeline.console import Meter, abbreviate, errors, pluralise
@@ -20,14 +17,14 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.formats.urdf import ignored_limits, read_urdf
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import face_cross_products
 from pipeline.kernels.geometry.transforms import transform_points
-from pipeline.kernels.hand.buried_gels import buried_gels
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes, collision_spheres
-from pipeline.kernels.hand.convex_shapes import convex_error
+from pipeline.kernels.hand.convex_shapes import buried_gels, convex_error
+from pipeline.kernels.hand.grasp_ik import blocked_fingers, sample_postures
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.hand.posture_samples import blocked_fingers, sample_postures
 from pipeline.kernels.hand.self_collision import LinkOverlap, frequent_overlaps, remedy
 from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.sensor import Sensor
@@ -53,7 +50,7 @@ VIEWS = {"from +x": (1, 2, 0), "from +y": (0, 2, 1), "from +z": (0, 1, 2)}
 """Title, and the axes of the root link that point right, up and towards the viewer."""
 
 MAX_TRIANGLES = 20_000
-"""Of each collision shape in a picture; the others are left out."""
+"""Of each collision shape in a picture; others are not drawn."""
 
 ROUNDED = 0.01
 """Share of a joint's range by which it may pass its limits: multipliers and limits are rounded."""
@@ -125,7 +122,7 @@ def _faults(hand: Hand, boxes: CollisionBoxes) -> list[str]:
 
 
 def _unusable_shapes(hand: Hand) -> list[str]:
-    """Detect a collision shape that is flat or too large, as `simulate-grasps` would."""
+    """Report a collision shape that is flat or too large, as `simulate-grasps` would."""
     try:
         collision_spheres(hand, spacing=MEASURE_SPACING)
     except InvalidInput as error:
@@ -239,13 +236,8 @@ def draw_hand(hand: Hand, sensors: Sequence[Sensor], overlaps: Sequence[tuple[in
     save_figure(figure, path, dpi=90)
 
 
-def gel_lines(sensor: Sensor) -> list[NDArray[np.float64]]:
-    """Trace a gel: the rims of its base and of its surface, and the surface's middle row and column.
-
-    Returns
-    -------
-    Lines of points (N, 3), sensor frame, m.
-    """
+def gel_lines(sensor: Sensor) -> list[Array]:  # (N, 3) sensor frame, m
+    """Trace a gel: the rims of its base and of its surface, and the surface's middle row and column."""
     height = np.broadcast_to(gel_surface(sensor), sensor.shape)
     x, y = (np.linspace(-side / 2, side / 2, count) for side, count in ((sensor.width, sensor.cols), (sensor.height, sensor.rows)))
     grid = np.stack([*np.meshgrid(x, y), height], axis=-1)  # (rows, cols, 3)
@@ -253,13 +245,11 @@ def gel_lines(sensor: Sensor) -> list[NDArray[np.float64]]:
     return [rim * [1, 1, 0], rim, grid[sensor.rows // 2], grid[:, sensor.cols // 2]]
 
 
-def closing_directions(hand: Hand, joint_angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute how far each sensor moves along its normal from a posture (J,), by its finger's joints together.
-
-    Returns
-    -------
-    (S, 3) float64, m: every joint moves by a share of its range in the sense that carries the sensor forwards.
-    """
+def closing_directions(
+    hand: Hand,
+    joint_angles: Array,  # (J,)
+) -> Array:  # (S, 3) m
+    """Compute how each sensor moves as every joint moves by `STEP` in the sense that carries the sensor along its normal."""
     rest = sensor_poses_from_links(hand, forward_kinematics(hand, np.eye(4), joint_angles))
     steps = STEP * (hand.upper - hand.lower)
     moved = sensor_poses_from_links(hand, forward_kinematics(hand, np.eye(4), joint_angles + np.diag(steps)))  # (J, S, 4, 4)
@@ -268,8 +258,12 @@ def closing_directions(hand: Hand, joint_angles: NDArray[np.float64]) -> NDArray
     return np.asarray(np.einsum("jsi,js->si", shift, np.sign(forwards)))
 
 
-def _triangles(hand: Hand, frames: NDArray[np.float64], red: set[int]) -> tuple[NDArray[np.float64], ...]:
-    """Collect the triangles of all collision shapes (T, 3, 3), root frame, m, their unit normals (T, 3) and colours (T, 3)."""
+def _triangles(
+    hand: Hand,
+    frames: Array,  # (L, 4, 4) links to root
+    red: set[int],  # links
+) -> tuple[Array, Array, Array]:  # (T, 3, 3) root frame, m; (T, 3) unit normals; (T, 3) colours
+    """Collect the triangles of all collision shapes."""
     triangles, colors = [np.empty((0, 3, 3))], [np.empty((0, 3))]
     for number, link in enumerate(hand.links):
         for shape in link.collisions:
@@ -281,7 +275,7 @@ def _triangles(hand: Hand, frames: NDArray[np.float64], red: set[int]) -> tuple[
     return corners, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12), np.concatenate(colors)
 
 
-def _arrow(axes: Any, start: NDArray[np.float64], by: NDArray[np.float64], color: Any, label: str, dashed: bool = False) -> None:
+def _arrow(axes: Any, start: Array, by: Array, color: Any, label: str, dashed: bool = False) -> None:
     style = {"arrowstyle": "->", "color": color, "linestyle": "--" if dashed else "-", "linewidth": 1.5}
     axes.annotate("", xy=start + by, xytext=start, arrowprops=style)
     axes.text(*(start + by), label, color=color, fontsize=7)

@@ -8,7 +8,7 @@ import trimesh
 
 from pipeline.console import Meter, errors
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.normalise import POSITION
+from pipeline.kernels.geometry.mesh_cleaning import POSITION
 from pipeline.physics.simulation import Simulation
 from pipeline.rng import numpy_rng
 from stages.simulate_grasps.grasp_search import GraspSearch

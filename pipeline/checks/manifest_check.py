@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,14 @@ from matplotlib.figure import Figure
 
 from pipeline.config.manifest import SPLITS, Object, load_manifest
 from pipeline.config.sources import identity
-from pipeline.console import Meter, Row, Table, abbreviate, errors, pluralise, table_lines
+from pipeline.console import Columns, Meter, abbreviate, errors, pluralise, table_lines, tabulate
 from pipeline.drawing.picture_sheet import spread_evenly
 from pipeline.drawing.plots import save_figure
 from pipeline.drawing.views import fitted_camera, render_mesh
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import METRES, stated_units
 from pipeline.formats.scene_file import load_scene
-from pipeline.kernels.geometry.normalise import bounding_diagonal
+from pipeline.kernels.geometry.mesh_cleaning import bounding_diagonal
 from stages.render_vision.renderer import Renderer
 from stages.sample_surfaces import SampleSurfaces, SurfaceSettings, normalised_mesh, unread_remarks
 
@@ -60,21 +61,24 @@ class CheckedObject:
         question = f"is the unit {' or '.join(likely)}?" if likely else "is the unit right?"
         return f"warning: {self.name} is {self.diagonal:.3g} m large: {question}"
 
-    @property
-    def size(self) -> str:
+    def size(self, digits: int = 3) -> str:
         """Write its sides."""
-        return " × ".join(f"{side:.3g}" for side in self.sides)
+        return " × ".join(f"{side:.{digits}g}" for side in self.sides)
 
-    @property
-    def caption(self) -> str:
-        """Write its name and its rounded sides, in a line each as wide as a small picture."""
-        return f"{self.name}\n" + " × ".join(f"{side:.2g}" for side in self.sides) + " m"
 
-    @property
-    def row(self) -> Row:
-        """Give the row of a table with `COLUMNS`."""
-        textures = f"{self.textures}, {len(self.unread)} missing or unread" if self.unread else str(self.textures)
-        return Row([self.name, self.size, self.unit, self.faces, textures, "yes" if self.watertight else "no"])
+COLUMNS: Columns = {
+    "x × y × z, m": ("", CheckedObject.size),
+    "unit of its file": ("", attrgetter("unit")),
+    "faces": ("", attrgetter("faces")),
+    "textures": ("", lambda item: str(item.textures) + (f", {len(item.unread)} missing or unread" if item.unread else "")),
+    "watertight": ("", lambda item: "yes" if item.watertight else "no"),
+}
+QUANTILE_COLUMNS: Columns = {
+    "diagonal, m": (".3g", attrgetter("diagonal")),
+    "in its file": (".3g", attrgetter("in_file")),
+    "faces": ("", attrgetter("faces")),
+    "object": ("", attrgetter("name")),
+}
 
 
 @dataclass(frozen=True)
@@ -84,9 +88,6 @@ class MeshFiles:
     root: Path | None = None
     units: str | None = None
     up: str | None = None
-
-
-COLUMNS = ("object", "x × y × z, m", "unit of its file", "faces", "textures", "watertight")
 
 
 def likely_units(diagonal: float) -> list[str]:
@@ -112,7 +113,7 @@ def check_manifest(
             meter.advance()
     checked.sort(key=lambda item: (item.diagonal, item.in_file, item.name))
     sources = {item.object_id: item.source for item in objects}
-    _draw(objects, {item.caption: sources[item.name] for item in spread_evenly(checked, DRAWN)}, picture)
+    _draw(objects, {f"{item.name}\n{item.size(2)} m": sources[item.name] for item in spread_evenly(checked, DRAWN)}, picture)
     verdict = f"{len(faults)} of them cannot be used" if faults else "no faults"
     return [
         f"{path}: manifest {manifest.name}, {pluralise(len(objects))}, {verdict}",
@@ -172,15 +173,11 @@ def _unit_symbol(metres: float) -> str:
 def _tables(checked: Sequence[CheckedObject]) -> Iterator[str]:
     """List the objects by size; of too many, the sizes' quantiles and objects of unusual size or without their textures."""
     if len(checked) > LISTED:
-        places = [round(share * (len(checked) - 1)) for share in QUANTILES.values()]
-        rows = [
-            Row([label, checked[place].diagonal, checked[place].in_file, checked[place].faces, checked[place].name])
-            for label, place in zip(QUANTILES, places, strict=True)
-        ]
-        yield from table_lines(Table("", ("by size", "diagonal, m", "in its file", "faces", "object"), rows, ("", ".3g", ".3g", "", "")))
+        quantiles = {label: checked[round(share * (len(checked) - 1))] for label, share in QUANTILES.items()}
+        yield from table_lines(tabulate("", "by size", quantiles, QUANTILE_COLUMNS))
         checked = [item for item in checked if item.doubt or item.unread]
     if checked:
-        yield from table_lines(Table("", COLUMNS, [item.row for item in checked[:LISTED]]))
+        yield from table_lines(tabulate("", "object", {item.name: item for item in checked[:LISTED]}, COLUMNS))
     if len(checked) > LISTED:
         yield f"and {len(checked) - LISTED} more"
 

@@ -7,8 +7,7 @@ import typer
 from pydantic.fields import FieldInfo
 
 from pipeline.config.manifest import load_manifest
-from pipeline.config.presets import load_presets
-from pipeline.config.settings import value_text
+from pipeline.config.settings import load_presets, value_text
 from pipeline.errors import PipelineError
 from pipeline.formats.description_file import Kind, shipped_files
 from pipeline.plugins import declared

@@ -44,7 +44,7 @@ def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", h
     account = report.read_account(directory, lambda: jobs_account(directory))
     if as_json:
         typer.echo(account.to_json())
-    elif not (account.artifacts or account.folders or account.damaged or account.jobs):
+    elif not (account.artifacts or account.folders or account.damaged or account.other_versions or account.jobs):
         print_line(f"{directory.resolve()}: nothing has been made here")
     else:
         report.show(account, console)

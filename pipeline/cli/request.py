@@ -9,7 +9,7 @@ from rich.markup import escape
 
 from pipeline.cli.completion import complete_described, complete_preset, complete_setting
 from pipeline.cli.failures import fail
-from pipeline.config.presets import load_presets
+from pipeline.config.settings import load_presets
 from pipeline.console import errors
 from pipeline.engine.executor import Executor, Serial
 from pipeline.engine.worker_processes import WorkerProcesses

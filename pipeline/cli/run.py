@@ -7,6 +7,7 @@ import typer
 from rich.markup import escape
 
 from pipeline.cli.completion import complete_object, complete_stage
+from pipeline.cli.failures import fail
 from pipeline.cli.request import (
     OBJECTS,
     RUN,
@@ -27,6 +28,8 @@ from pipeline.config.manifest import load_manifest
 from pipeline.console import NAMED, abbreviate, console, errors, print_line
 from pipeline.engine.make import make
 from pipeline.engine.plan import Made
+from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import as_location
 from stages.registry import STAGES
 from stages.request import make_request
 
@@ -54,6 +57,10 @@ def run(
     strict: Annotated[bool, typer.Option(help="Stop at the first object that fails in this stage.", rich_help_panel=RUN)] = False,
     retry: Annotated[bool, typer.Option(help="Try objects again that failed in this stage.", rich_help_panel=RUN)] = False,
     check: Annotated[bool, typer.Option(help="Verify published rows first, and make damaged ones again.", rich_help_panel=RUN)] = False,
+    reuse: Annotated[
+        str | None,
+        typer.Option(help="Copy rows with equal keys from this data directory, e.g. of another number of shards.", rich_help_panel=RUN),
+    ] = None,
     dry_run: Annotated[bool, typer.Option(help="Print what a run would do, and do nothing.", rich_help_panel=RUN)] = False,
 ) -> None:
     """Run one stage.
@@ -77,7 +84,10 @@ def run(
         retry=retry,
         check=check,
         only=object_id,
+        reuse=reuse and as_location(reuse),
     )
+    if reuse and not DataDirectory(reuse).is_data_directory():
+        fail(f"--reuse {reuse} is no data directory; name one that `vt-pipeline run` made")
     understood = [] if request.stage.inputs(request.settings) else load_manifest(manifest).remarks(objects)
     for line in (*understood, *request.stage.describe_objects(request.settings, request.objects)):
         print_line(line)

@@ -18,8 +18,7 @@ from pipeline.cli.request import (
     UpOption,
 )
 from pipeline.cluster import slurm
-from pipeline.cluster.cluster_profile import load_cluster
-from pipeline.cluster.slurm_jobs import Submission, plan_jobs, script_of
+from pipeline.cluster.slurm_jobs import Submission, load_cluster, plan_jobs, script_of
 from pipeline.console import print_line
 from pipeline.store.directory import DataDirectory
 from stages.registry import STAGES

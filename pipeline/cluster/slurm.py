@@ -76,11 +76,7 @@ def slurm_folder(data: Location) -> Path:
 
 
 def submit(jobs: Sequence[Job], submission: Submission) -> Iterator[SubmittedJob]:
-    """Write the scripts of all jobs, then submit one after the other, each to start after those that it reads from.
-
-    A `StageError` says that there is no `sbatch` here, that it refuses a job, or that tasks that make the same output
-    have not ended.
-    """
+    """Write the scripts of all jobs, then submit one after the other, each to start after those that it reads from."""
     folder = submission.folder
     if not shutil.which("sbatch"):
         raise StageError("sbatch is not installed here; submit on a machine of the cluster, or print the scripts with --dry-run")

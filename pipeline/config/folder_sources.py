@@ -10,19 +10,14 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from pipeline.config.mesh_layout import FoundObjects, Layout, as_name, find_objects
-from pipeline.config.objects import Object
-from pipeline.config.sources import MeshSource
+from pipeline.config.sources import MeshSource, Object
 from pipeline.console import abbreviate, pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import MESH_SUFFIXES, expanded, read_text
 from pipeline.formats.file_units import GREATEST_UNIT, LEAST_UNIT
 
-MAX_ENTRIES = 500_000
-"""Most files and folders below a folder of meshes: with more, it is probably the wrong folder."""
-
-MAX_CATALOGUE_BYTES = 100 * 2**20
-"""Largest size of a catalogue: 500 bytes for each of `MAX_OBJECTS`."""
-
+MAX_ENTRIES = 500_000  # most files and folders below a folder of meshes: with more, it is probably the wrong folder
+MAX_CATALOGUE_BYTES = 100 * 2**20  # largest size of a catalogue: 500 bytes for each of `MAX_OBJECTS`
 UNREAD = (".msh", ".3ds", ".fbx", ".blend", ".max", ".x3d", ".wrl", ".step", ".stp", ".iges", ".igs", ".skp", ".usd", ".usdz")
 """Formats of meshes and solids that are not read."""
 

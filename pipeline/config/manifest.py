@@ -13,8 +13,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainValidato
 
 from pipeline import plugins
 from pipeline.config.folder_sources import Catalogue, Directory, ShapeNet
-from pipeline.config.objects import Object as Object
 from pipeline.config.sources import MeshSource, ModelledSource, Pybullet, Source
+from pipeline.config.sources import Object as Object
 from pipeline.console import CONTROLS
 from pipeline.errors import InvalidInput, unknown_name
 from pipeline.formats.description_file import description_path, read_description, shipped_files
@@ -22,8 +22,7 @@ from pipeline.formats.file_content import expanded
 from pipeline.formats.file_units import METRES
 
 SPLITS = ("train", "valid", "test")
-TOTAL = "all"
-"""What tables call all categories together."""
+TOTAL = "all"  # what tables call all categories together
 OBJECT_ID = re.compile(r"(?!\.|zarr\.json$)[A-Za-z0-9._-]{1,120}")
 """What names an object: it also names files and Zarr groups, where `zarr.json` is taken."""
 

@@ -13,11 +13,8 @@ from pipeline.console import abbreviate, pluralise
 from pipeline.formats.file_content import MESH_SUFFIXES
 
 Layout = Literal["files", "folders"]
-
-SCANS = ("google_16k", "google_64k", "google_512k", "poisson", "tsdf")
-"""Folders of the YCB objects' scans, best first."""
-COLLISION = {"collision", "collisions", "convex", "coacd", "vhacd", "decomposition"}
-"""Folders of simplified shapes."""
+SCANS = ("google_16k", "google_64k", "google_512k", "poisson", "tsdf")  # folders of the YCB objects' scans, best first
+COLLISION = {"collision", "collisions", "convex", "coacd", "vhacd", "decomposition"}  # folders of simplified shapes
 INNER = {"mesh", "meshes", "model", "models", "visual", "visuals", "obj", "textured", "nontextured", *SCANS, *COLLISION}
 """Folders inside that of an object."""
 PLAIN = {"nontextured", "untextured"}

@@ -6,9 +6,11 @@ error), or changes speed alone.
 
 import json
 from collections.abc import Mapping
-from importlib import import_module
+from functools import cache
+from importlib import import_module, resources
 from typing import Any, ClassVar, Literal
 
+import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 Change = Literal["definition", "results", "speed"]
@@ -77,3 +79,11 @@ class ObjectSettings(Settings):
         ge=1,
         changes="speed",
     )
+
+
+@cache
+def load_presets() -> dict[str, dict[str, dict[str, Any]]]:
+    """Load every preset: values by stage; a setting that it leaves out keeps its default."""
+    text = resources.files("pipeline").joinpath("assets/presets.yaml").read_text(encoding="utf-8")
+    presets: dict[str, dict[str, dict[str, Any]]] = yaml.safe_load(text)
+    return presets

@@ -1,8 +1,10 @@
-"""Sources of objects: each kind lists its objects, and describes how to load each."""
+"""The objects of a dataset, and their sources: each kind lists its objects, and describes how to load each."""
 
+import hashlib
 import re
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from importlib import resources
 from itertools import islice
 from pathlib import Path
@@ -11,19 +13,28 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from pipeline import plugins
-from pipeline.config.objects import Object, checksum, file_checksum
 from pipeline.console import CONTROLS
 from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import refuse_pointer
 from pipeline.formats.file_units import GREATEST_UNIT, LEAST_UNIT, stated_units
+from pipeline.formats.mesh_companions import Companions
 
 if TYPE_CHECKING:
     from pipeline.kernels.geometry.mesh import Mesh
 
 NOT_UTF8 = re.compile("[\ud800-\udfff]")
 """Characters that Python puts in place of bytes of a file's name that are not UTF-8 (`surrogateescape`)."""
+MAX_OBJECTS = 200_000  # most objects of a source: listing them takes a second, and memory, before anything else is done
 
-MAX_OBJECTS = 200_000
-"""Most objects of a source: listing them takes a second, and memory, before anything else is done."""
+
+@dataclass(frozen=True)
+class Object:
+    """An object of a dataset."""
+
+    object_id: str
+    category: str
+    source: dict[str, Any]  # how to load it: JSON values; `file` is a path
+    split: str = ""  # that the manifest draws
 
 
 class Source(BaseModel):
@@ -163,3 +174,32 @@ class Pybullet(MeshSource):
             if not (data / file).is_file():
                 raise InvalidInput(f"there is no {file!r} in {data}; correct the path of {name}, or reinstall the pinned packages")
             yield Object(name, self.category, self.placed(data / file, (data / file).parent, up))
+
+
+def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
+    """Describe an object's source independently of where its files lie: a file is replaced by the hash of its content.
+
+    The materials and textures that it names count too; renderings, which belong to another stage's key, and the licence
+    do not.
+    """
+    description = {name: value for name, value in source.items() if name not in ("root", "renderings", "licence")}
+    if "file" not in source:
+        return description
+    companions = Companions(Path(source["file"]), Path(source["root"]))
+    digests = {name: hashlib.sha256(content).hexdigest() for name, content in companions.items()}
+    return {**description, "file": {"sha256": companions.sha256, "companions": digests}}
+
+
+def checksum(objects: list[Object]) -> str:
+    """Compute one SHA-256 for all files of a source, of the lines `ID SHA256` in id order."""
+    files = sorted((item.object_id, Path(item.source["file"])) for item in objects if "file" in item.source)
+    return hashlib.sha256("".join(f"{name} {file_checksum(file)}\n" for name, file in files).encode()).hexdigest()
+
+
+def file_checksum(file: Path) -> str:
+    """Compute the SHA-256 of a mesh file."""
+    if not file.is_file():
+        raise InvalidInput(f"{file} is no regular file; remove it")
+    content = file.read_bytes()
+    refuse_pointer(file, content)
+    return hashlib.sha256(content).hexdigest()

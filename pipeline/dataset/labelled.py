@@ -25,9 +25,6 @@ def open_artifact(data: str | Location, artifact: str) -> xarray.Dataset:
     attribute `failures` says why. Where objects have not been made yet, the attribute `missing` names them. Attributes
     other than text and numbers are JSON text, which netCDF can hold.
 
-    A `StoreError` says that the artifact is unknown or has not been made; later, on access to values, that one of its
-    files is missing or damaged.
-
     >>> touch = open_artifact("data/toy/draft", "touch")  # doctest: +SKIP
     >>> touch.depth.sel(object="duck", sensor="thumb").min(("row", "col"))  # doctest: +SKIP
     """

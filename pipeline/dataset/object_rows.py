@@ -13,7 +13,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import invalid_entries
-from pipeline.kernels.geometry.normalise import bounding_diagonal
+from pipeline.kernels.geometry.mesh_cleaning import bounding_diagonal
 from pipeline.kernels.touch.depth_maps import local_points
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.collection import Collection
@@ -43,12 +43,7 @@ _SENSORS = TypeAdapter(Annotated[tuple[Sensor, ...], Field(min_length=1)])
 
 
 class ObjectRows:
-    """The objects of a split that failed in none of the artifacts that are read, in id order.
-
-    Only artifacts that hold one of the arrays are opened. Memory does not grow with the dataset. A `StoreError` says
-    that there is no such array, that an artifact has not been made, or not from the current inputs, or that there is no
-    usable object.
-    """
+    """The objects of a split that failed in none of the artifacts that are read, in id order. Memory does not grow with the dataset."""
 
     def __init__(
         self,
@@ -150,9 +145,7 @@ class ObjectRows:
     ) -> np.ndarray:  # the remaining dimensions of the schema
         """Read an object's part of an array; the array itself if it has no object dimension.
 
-        Arrays without grasps or cameras ignore these numbers. Other readers share the array: copy it before changing
-        it. A `StoreError` says that the array was not opened, that there is no such grasp or camera, or that a part of
-        the array is missing or damaged.
+        Arrays without grasps or cameras ignore these numbers. Other readers share the array: copy it before changing it.
         """
         if array == DIFFERENCE:
             return self._difference(object_id, grasp)

@@ -1,10 +1,8 @@
 """Touches of the objects of each category, counted."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -18,10 +16,8 @@ PAPER = "Smith et al. 2020"
 """The name of the paper and its supplement in tables."""
 PAPER_DIAGONAL = 0.5
 """Diagonal to which the paper scales its objects, m."""
-
 SUPPLEMENT_SUCCESS = {"bottle": 71.8, "knife": 54.1, "cellphone": 67.2, "rifle": 53.6, "all": 62.7}
 """Percentage of touches that succeed, from Table 1."""
-
 
 HOLD_MEASURES = ("contact_area", "opposition", "closure")
 """The arrays that measure how well a grasp holds."""
@@ -29,45 +25,29 @@ MOTIONS = ("hold_distance", "hold_speed")
 """The arrays that measure how the object moves in the hold test."""
 
 
-LISTS = ("touched", "tried", "hold_measures", "held", "held_directions", "motions", "diagonals")
-"""Fields of a `Tally` with an entry per object."""
-
-
 @dataclass
 class Tally:
-    """Touches of the objects of one category."""
+    """Touches of the objects of one category: lists with an entry per object, empty where something was not measured."""
 
-    touched: list[np.ndarray] = field(default_factory=list)
-    """(grasp, sensor) bool of every object: which touches of the kept grasps succeed."""
-    tried: list[np.ndarray] = field(default_factory=list)
-    """(sensor,) of every object: the share of all attempts in which a sensor touched."""
+    touched: list[np.ndarray] = field(default_factory=list)  # (grasp, sensor) bool: which touches of the kept grasps succeed
+    tried: list[np.ndarray] = field(default_factory=list)  # (sensor,) the share of all attempts in which a sensor touched
+    # (grasp, 3) area of contact, mm², greatest angle between two contacts, degrees, and margin of force closure
     hold_measures: list[np.ndarray] = field(default_factory=list)
-    """(grasp, 3) of every object: area of contact, mm², greatest angle between two contacts, degrees, and margin of force closure."""
-    held: list[np.ndarray] = field(default_factory=list)
-    """(grasp,) bool of every object: which grasps hold it in the hold test; empty without the test."""
-    held_directions: list[np.ndarray] = field(default_factory=list)
-    """(grasp, 6) bool of every object: the same by the direction of gravity; empty if only one was tested."""
-    motions: list[np.ndarray] = field(default_factory=list)
-    """(grasp, direction, 2) of every object: how far, m, and how fast, m/s, it moved at the end of the hold test; empty without."""
-    diagonals: list[float] = field(default_factory=list)
-    """Diagonal of every object's bounding box, m; empty without a hold test."""
+    held: list[np.ndarray] = field(default_factory=list)  # (grasp,) bool: which grasps hold it in the hold test
+    held_directions: list[np.ndarray] = field(default_factory=list)  # (grasp, 6) bool: the same by the direction of gravity
+    motions: list[np.ndarray] = field(default_factory=list)  # (grasp, direction, 2) how far, m, and how fast, m/s, it moved in the end
+    diagonals: list[float] = field(default_factory=list)  # of the bounding box, m
 
     @classmethod
-    def joined(cls, tallies: Iterable[Tally]) -> Tally:
+    def joined(cls, tallies: Iterable["Tally"]) -> "Tally":
         """Put the objects of several categories together."""
-        joined = cls()
-        for part in tallies:
-            for name in LISTS:
-                getattr(joined, name).extend(getattr(part, name))
-        return joined
+        parts = list(tallies)
+        return cls(*([value for part in parts for value in getattr(part, entry.name)] for entry in fields(cls)))
 
-    def part(self, numbers: Iterable[int]) -> Tally:
+    def part(self, numbers: Iterable[int]) -> "Tally":
         """Select objects by their numbers."""
-        indices, subset = list(numbers), Tally()
-        for name in LISTS:
-            if values := getattr(self, name):
-                getattr(subset, name).extend(values[index] for index in indices)
-        return subset
+        indices = list(numbers)
+        return Tally(*([values[index] for index in indices] if (values := getattr(self, entry.name)) else [] for entry in fields(self)))
 
     def row(self) -> tuple[int, int, int, float, float]:
         """Count objects, grasps and touches; give the percentages that succeed of those kept, and of attempts (mean over objects)."""

@@ -1,6 +1,6 @@
 """Make a glTF scene of an object with its grasps: object, hand, gels, touched surface, touch charts and predictions as named nodes."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import fast_simplification
@@ -47,22 +47,22 @@ class GraspScenes:
         self.hand, self.sensors, self.small = hand, sensors, small
         self._shapes = [(link, f"shape-{number}", self._shape(mesh)) for number, (link, mesh) in enumerate(hand.visual_meshes)]
 
-    def scene(self, rows: Rows, grasps: Iterable[int] | None = None) -> Scene:
+    def scene(self, rows: Rows) -> Scene:
         """Make the scene of an object from its rows of `surfaces`, `grasps` and, if made, `touch` and `charts`.
 
         Its nodes are `object`, and per grasp K `grasp-K-hand`, `grasp-K-sensors`, `grasp-K-touched` and
         `grasp-K-charts`; m, y up as glTF is.
         """
-        scene = _empty()
+        scene = trimesh.Scene(base_frame="world")
         for number, part in enumerate(self._object(rows["surfaces"])):
             self.add(scene, f"object-{number}", part, "object")
-        for grasp in range(len(rows["grasps"]["hand_pose"])) if grasps is None else grasps:
+        for grasp in range(len(rows["grasps"]["hand_pose"])):
             self._add_grasp(scene, rows, grasp)
         return scene
 
     def predictions(self, surfaces: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Scene:
         """Make a scene of predicted surfaces, (V, 3) m and (F, 3) by name; nodes are called `prediction-NAME`."""
-        scene = _empty()
+        scene = trimesh.Scene(base_frame="world")
         for name, (vertices, faces) in surfaces.items():
             self.add(scene, name, _plain(vertices, faces, VISION_COLORS[0][:3]), f"prediction-{name}")
         return scene
@@ -80,16 +80,11 @@ class GraspScenes:
         for sensor, corners in enumerate(gel_squares(row["sensor_pose"][grasp], self.sensors)):
             square = _plain(corners, np.array([[0, 1, 2], [0, 2, 3]]), colors[sensor])
             self.add(scene, f"gel-{grasp}-{sensor}", square, f"grasp-{grasp}-sensors")
-        touched = np.flatnonzero(row["touch_success"][grasp]).tolist()
-        if "touch" in rows:
-            depth = rows["touch"]["depth"][grasp]
-            for sensor in touched:
-                if (
-                    patch := touch_patch(depth[sensor], row["sensor_pose"][grasp, sensor], self.sensors[sensor], colors[sensor])
-                ) is not None:
-                    vertices, faces = _simplified(patch.vertices, patch.faces, PATCH_FACES if self.small else len(patch.faces))
-                    part = _plain(vertices, faces, colors[sensor])
-                    self.add(scene, f"patch-{grasp}-{sensor}", part, f"grasp-{grasp}-touched")
+        for sensor in np.flatnonzero(row["touch_success"][grasp]).tolist() if "touch" in rows else ():
+            depth, pose = rows["touch"]["depth"][grasp, sensor], row["sensor_pose"][grasp, sensor]
+            if patch := touch_patch(depth, pose, self.sensors[sensor], colors[sensor]):
+                vertices, faces = _simplified(patch.vertices, patch.faces, PATCH_FACES if self.small else len(patch.faces))
+                self.add(scene, f"patch-{grasp}-{sensor}", _plain(vertices, faces, colors[sensor]), f"grasp-{grasp}-touched")
         if "charts" in rows:
             charts = rows["charts"]
             for sensor in np.flatnonzero(is_surface(charts["stop_rule"][grasp])).tolist():
@@ -132,10 +127,6 @@ class GraspScenes:
             vertices, faces = _simplified(*_merged(mesh), max_faces)
             painted = painted[cKDTree(mesh.vertices).query(vertices)[1]]
         return [trimesh.Trimesh(vertices, faces, vertex_colors=linear_colors(painted), process=False)]
-
-
-def _empty() -> Scene:
-    return trimesh.Scene(base_frame="world")
 
 
 def _merged(mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -10,8 +10,7 @@ from importlib import util
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pipeline.config.objects import fingerprint
-from pipeline.config.sources import modelled
+from pipeline.config.sources import fingerprint, modelled
 from pipeline.store import digest
 from pipeline.store.atomic import write_atomically
 from pipeline.store.rows import Row
@@ -140,7 +139,7 @@ def _file_of(module: str, packages: frozenset[str]) -> Path | None:
         return Path(spec.origin) if spec and spec.origin and not inner else None
     for location in spec.submodule_search_locations:
         path = Path(location, *inner)
-        compiled: list[Path] = [] if top in OURS else list(path.parent.glob(f"{path.name}.*.so"))
+        compiled: list[Path] = [] if top in OURS else [*path.parent.glob(f"{path.name}.*.so")]
         for file in (path / "__init__.py", path.with_name(f"{path.name}.py"), *compiled):
             if file.is_file():
                 return file

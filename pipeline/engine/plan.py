@@ -49,6 +49,7 @@ class Request(Generic[S]):
     retry: bool = False  # try objects again that failed in this stage
     check: bool = False  # read the published output, and make damaged rows again
     only: str | None = None  # process this object alone
+    reuse: Location | None = None  # another data directory, whose rows with the same keys are copied
     folder: str | None = None  # the folder to fill, instead of a dataset stage's default
     options: Mapping[str, str] = field(default_factory=dict)  # options that named the objects, for the record
 

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from functools import cached_property
 from typing import Any, cast
 
 from rich.console import Console
@@ -19,8 +20,9 @@ from pipeline.store import digest
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory, shard_of
 from pipeline.store.publish import ShardOutput, withdraw
-from pipeline.store.record import Failure, RowRecord, ShardRecord
+from pipeline.store.record import Failure, ShardRecord
 from pipeline.store.rows import Result, Row, conform, row_digest
+from pipeline.store.shard import Shard
 from pipeline.store.storage import exists
 from pipeline.store.validate import check_origins
 
@@ -118,11 +120,19 @@ class ShardPlan(Plan[ShardOutput]):
         result = self.output.rows.find(unit.name, unit.key)
         return None if result is None or self._is_retried(unit.name, result.failure) else result
 
-    def _published(self, unit: Unit) -> RowRecord | None:
-        """Find the published row of a unit; None if there is none with its key, or it is a failure to retry."""
-        shard = self.output.shard
-        row = shard.row(unit.name) if shard and unit.name in shard.position else None
-        return None if row is None or row.key != unit.key or self._is_retried(unit.name, row.failure) else row
+    def _published(self, unit: Unit) -> Shard | None:
+        """Find the shard with the published row of a unit; None if there is none with its key, or it is a failure to retry."""
+        elsewhere = self._elsewhere.shard(unit.name) if self._elsewhere and unit.name in self._elsewhere else None
+        for shard in (self.output.shard, elsewhere):
+            row = shard.row(unit.name) if shard and unit.name in shard.position else None
+            if row and row.key == unit.key and not self._is_retried(unit.name, row.failure):
+                return shard
+        return None
+
+    @cached_property
+    def _elsewhere(self) -> Collection | None:
+        """The artifact in the data directory whose rows are reused."""
+        return DataDirectory(self.request.reuse).collection(self.output.artifact) if self.request.reuse else None
 
     def up_to_date(self) -> bool:
         """Check that the shard is published, complete, has the current key, and holds no failure to retry."""
@@ -242,10 +252,11 @@ class ShardPlan(Plan[ShardOutput]):
 
     def _reuse(self, unit: Unit) -> Result | None:
         """Find a row to reuse: one that waits, or the published one, unless it is damaged."""
-        row, shard = self._published(unit), self.output.shard
-        if (result := self._waiting(unit)) or row is None or shard is None:
+        result, shard = self._waiting(unit), self._published(unit)
+        if result or shard is None:
             return result
         with suppress(StoreError):
+            row = shard.row(unit.name)
             processor = shard.record.processor_of(row)
             reused = Result(name=unit.name, key=unit.key, seconds=row.seconds, processor=processor, failure=row.failure)
             return self.output.rows.save(reused, shard.view(unit.name).verify(), unit.category)

@@ -2,8 +2,9 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -113,12 +114,17 @@ class ObjectStage(Stage):
         cost = self.cost(settings)
         return len(items), Cost(cost.seconds * len(items), cost.kilobytes * len(items))
 
-    @abstractmethod
     def session(self, settings: Any, models: Mapping[str, Path]) -> AbstractContextManager[Callable[[Unit, Inputs], Row]]:
         """Open what a worker keeps between objects (a renderer, a physics client); yield `process(unit, inputs) -> row`.
 
-        An `InvalidInput` that `process` raises is the object's failure; any other exception is a fault of the stage.
+        By default nothing is kept, and `process` makes the row. An `InvalidInput` that it raises is the object's failure; any other
+        exception is a fault of the stage.
         """
+        return nullcontext(partial(self.process, settings=settings))
+
+    def process(self, unit: Unit, inputs: Inputs, settings: Any) -> Row:
+        """Make an object's row; only for stages without a session of their own."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import decode_text
 from pipeline.formats.mesh_parts import check_corners, is_concave, read_numbers, triangulate
+from pipeline.kernels.arrays import Array
 
 IMAGE = re.compile(rb"<image\b([^>]*)>(?:(?!</?image\b).)*?<init_from>([^<]*)</init_from>", re.DOTALL)
 """An image with its file. Surfaces contain `init_from` too, but with the id of an image."""
-
 ID = re.compile(rb"\bid\s*=\s*[\"']([^\"']*)")
 COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 ENCODING = re.compile(rb"^\s*<\?xml[^>]*\bencoding\s*=\s*[\"']([\w-]+)")
@@ -32,7 +32,6 @@ SCENE = re.compile(rb"<(\w+:)?instance_visual_scene\b")
 SHADERS = ("phong", "lambert", "blinn", "constant")
 LUMINANCE = np.array([0.212671, 0.71516, 0.072169])
 """Of linear red, green and blue, as COLLADA 1.4.1 weighs them for RGB_ZERO."""
-
 POLYGONS = re.compile(rb"<(polylist|polygons)\b([^>]*)>(.*?)</\1>", re.DOTALL)
 VERTICES = re.compile(rb"<vertices\b([^>]*)>(.*?)</vertices>", re.DOTALL)
 INPUT = re.compile(rb"<input\b[^>]*>")
@@ -183,13 +182,13 @@ def cut_concave(content: bytes) -> bytes:
     return POLYGONS.sub(rewrite, content)
 
 
-def _any_concave(corners: NDArray[np.int64], sizes: NDArray[np.int64], vertices: NDArray[np.float64]) -> bool:
+def _any_concave(corners: NDArray[np.int64], sizes: NDArray[np.int64], vertices: Array) -> bool:
     firsts = np.cumsum(sizes) - sizes
     several = ((firsts[sizes == size, None] + np.arange(size)) for size in np.unique(sizes[sizes > 3]))
     return any(bool(is_concave(vertices[corners[places]]).any()) for places in several)
 
 
-def _positions(content: bytes, source: bytes) -> NDArray[np.float64] | None:
+def _positions(content: bytes, source: bytes) -> Array | None:
     """Read the positions (V, 3) of a source; None where there is none of this name."""
     found = re.search(POSITIONS % re.escape(source), content, re.DOTALL) if source else None
     return None if found is None else read_numbers(found[1]).reshape(-1, int(_attribute(found[2], b"stride") or 1))[:, :3]

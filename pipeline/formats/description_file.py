@@ -19,11 +19,9 @@ from pipeline.formats.file_content import expanded, read_text
 
 Kind = Literal["manifest", "hand", "sensor", "scene", "cluster", "observation", "about"]
 Model = TypeVar("Model", bound=BaseModel)
-
 UNION_MEMBER = re.compile(r"(literal|tuple)\[.*\]|constrained-[a-z]+|str|int|float|bool")
 """Part of a location in pydantic's errors that is no entry but the type tried, where an entry may have several."""
-MAX_BYTES, MAX_DEPTH = 10 * 2**20, 40
-"""Limits of a description file: a larger one would take minutes to read."""
+MAX_BYTES, MAX_DEPTH = 10 * 2**20, 40  # limits of a description file: a larger one would take minutes to read
 
 
 def shipped_files(kind: Kind) -> dict[str, Path]:

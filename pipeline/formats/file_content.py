@@ -10,18 +10,11 @@ from pipeline.errors import InvalidInput
 
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".dae", ".3mf")
 """Formats of mesh files that are read; archives are not among them."""
-
-MAX_POINTER = 1024
-"""Size that a Git LFS pointer stays below (its specification, version 1)."""
-
+MAX_POINTER = 1024  # size that a Git LFS pointer stays below (its specification, version 1)
 POINTER_REMEDY = "a Git LFS pointer; run `git lfs pull`"
-
-HEAD_BYTES = 4096
-"""Bytes within which foreign content shows what it is."""
-
+HEAD_BYTES = 4096  # bytes within which foreign content shows what it is
 POINTER = re.compile(rb"version (https://(git-lfs|hawser)\.github\.com/spec/v|http://git-media\.io/v/)\d")
 """How a Git LFS pointer begins, also one of the first versions."""
-
 MARKS = {
     b"\xef\xbb\xbf": "utf-8",
     b"\xff\xfe\0\0": "utf-32-le",
@@ -30,12 +23,8 @@ MARKS = {
     b"\xfe\xff": "utf-16-be",
 }
 """Byte-order marks and the encodings that they announce; UTF-32 before UTF-16, which has the same first bytes."""
-
 XML_ENCODING = re.compile(r"""^(\s*<\?xml\b[^>]*?)\s+encoding\s*=\s*["'][^"']*["']""")
-
-PROLOGUE = rb"\s*(<\?xml[^>]*>\s*)?(<!--((?!-->).)*-->\s*)*"
-"""What may stand before the first element of XML or HTML."""
-
+PROLOGUE = rb"\s*(<\?xml[^>]*>\s*)?(<!--((?!-->).)*-->\s*)*"  # what may stand before the first element of XML or HTML
 FOREIGN = {
     PROLOGUE + rb"<((?i:!doctype\s+html|html|head|body)\b)": "a web page (HTML); download the file itself",
     PROLOGUE + rb"(<!DOCTYPE svg[^>]*>\s*)?<svg\b": "an SVG drawing; convert it to PNG",

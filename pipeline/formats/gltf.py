@@ -12,28 +12,19 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import refuse_foreign
+from pipeline.kernels.arrays import Array
 
-MAX_ENTRIES = 1_000_000
-"""Maximum number of commas and opening brackets in the JSON: each may take a hundred bytes."""
-
+MAX_ENTRIES = 1_000_000  # maximum number of commas and opening brackets in the JSON: each may take a hundred bytes
 MAX_NON_ASCII = 2**25
 """Maximum size of a JSON that is not ASCII: one such character makes all others four times as large in memory."""
-
-MAX_ROWS = 6_000_000
-"""Maximum number of rows of an accessor: the corners of two million triangles."""
-
+MAX_ROWS = 6_000_000  # maximum number of rows of an accessor: the corners of two million triangles
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 """The types of an accessor's components (glTF 2.0, section 3.6.2.2)."""
-
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 """The numbers of components of the types of accessors that a mesh uses."""
-
-TRIANGLES, STRIP, FAN = SURFACES = (4, 5, 6)
-"""Modes of primitives that are surfaces; others are points and lines."""
-
+TRIANGLES, STRIP, FAN = SURFACES = (4, 5, 6)  # modes of primitives that are surfaces; others are points and lines
 COMPRESSION = re.compile("compress", re.IGNORECASE)
 """Extensions that encode arrays; each array or primitive says whether it is encoded."""
-
 SAME_SHAPE = re.compile(
     "KHR_mesh_quantization|EXT_mesh_gpu_instancing|KHR_node_visibility|material|texture|light|metadata|features|xmp|anim|MSFT_lod",
     re.IGNORECASE,
@@ -202,7 +193,7 @@ class Primitive:
     `part` is its entry in the document, `weights` (T,) are those of its morph targets.
     """
 
-    def __init__(self, document: Document, part: dict[str, Any], weights: NDArray[np.float64]) -> None:
+    def __init__(self, document: Document, part: dict[str, Any], weights: Array) -> None:
         self._document, self._weights = document, weights
         self.material = part.get("material")
         self.attributes, self._targets = table(part, "attributes"), entries_of(part, "targets")
@@ -226,7 +217,7 @@ class Primitive:
             raise InvalidInput(f"a part of it has no {name}; export it again")
         return self._document.array(self.attributes.get(name), *widths, rows=self._size)[self.rows]
 
-    def read(self, name: str, *widths: int) -> NDArray[np.float64]:
+    def read(self, name: str, *widths: int) -> Array:
         """Return an attribute of the vertices, (V, width), with its morph targets."""
         values = self.stored(name, *widths).astype(np.float64)
         for weight, target in zip(self._weights, self._targets, strict=False):

@@ -14,26 +14,18 @@ from trimesh.visual.color import linear_to_srgb, srgb_to_linear
 
 from pipeline.formats.gltf import Document, Primitive, one_line, table
 from pipeline.formats.mesh_parts import GREY, MAX_UV, WHITE, Decode, check_count
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Look
 from pipeline.kernels.geometry.transforms import sin_cos
 
 BLACK = 0.01
 """Linear light up to which a base colour is black: such a material shows the light that it emits, if there is any."""
-
 DIELECTRIC = 0.04
 """Part of the light that a surface reflects, whatever its colour, unless it is a metal, whose colour that is."""
-
-WHITE_LIGHT = (1, 1, 1, 1)
-"""The factor of a colour where a material states none."""
-
+WHITE_LIGHT = (1, 1, 1, 1)  # the factor of a colour where a material states none
 Wrap = Literal["clamp", "mirror"]
-
-STEPS = 8
-"""Parts of its size by which a clamped texture is extended, so that parts of a mesh share the result."""
-
-MAX_PIXELS = 2**24
-"""Maximum number of pixels of a texture that is extended: one of 4096 × 4096."""
-
+STEPS = 8  # parts of its size by which a clamped texture is extended, so that parts of a mesh share the result
+MAX_PIXELS = 2**24  # maximum number of pixels of a texture that is extended: one of 4096 × 4096
 WRAPS: dict[Any, Wrap] = {33071: "clamp", 33648: "mirror"}
 """The values of a sampler's `wrapS` and `wrapT`; others repeat."""
 
@@ -44,7 +36,7 @@ class Looks:
     def __init__(self, document: Document, decode: Decode, unread: list[str]) -> None:
         self._document, self._decode, self._unread = document, decode, unread
         self._images: dict[int, NDArray[np.uint8] | None] = {}
-        self._brightest: dict[int, NDArray[np.float64]] = {}
+        self._brightest: dict[int, Array] = {}
         self._cut: dict[tuple[int, float], NDArray[np.uint8]] = {}
         self._repeats = Repeats()
 
@@ -123,7 +115,7 @@ class Looks:
                 self._brightest[id(image)] = srgb_to_linear(image[..., :3].max(axis=(0, 1)))
         return self._images[number]
 
-    def _is_black(self, factor: NDArray[np.float64], _: dict[str, Any], texture: NDArray[np.uint8] | None) -> bool:
+    def _is_black(self, factor: Array, _: dict[str, Any], texture: NDArray[np.uint8] | None) -> bool:
         return bool((factor[:3] * self._brightest.get(id(texture), 1.0)).max() <= BLACK)
 
     def _opaque(self, texture: NDArray[np.uint8], limit: float) -> NDArray[np.uint8]:
@@ -195,7 +187,7 @@ def _vertex_colors(primitive: Primitive) -> NDArray[np.uint8]:
     return _srgb(primitive.read("COLOR_0", 3, 4) / (np.iinfo(stored.dtype).max if stored.dtype.kind == "u" else 1))
 
 
-def _srgb(light: NDArray[np.float64]) -> NDArray[np.uint8]:
+def _srgb(light: Array) -> NDArray[np.uint8]:
     """Turn linear colours (..., 3 or 4) in 0..1 into (..., 4) sRGB and opacity."""
     light = np.clip(np.nan_to_num(light), 0, 1)
     colors = np.full((*light.shape[:-1], 4), 255, np.uint8)
@@ -213,10 +205,10 @@ class Repeats:
     def make(
         self,
         texture: NDArray[np.uint8],  # (height, width, 4)
-        coordinates: NDArray[np.float64],  # (V,) of the vertices along the axis, 0..1 within the texture, in the direction of its pixels
+        coordinates: Array,  # (V,) of the vertices along the axis, 0..1 within the texture, in the direction of its pixels
         axis: int,  # 0 along a column, 1 along a row
         wrap: Wrap | None,  # None: it repeats
-    ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+    ) -> tuple[NDArray[np.uint8], Array]:
         """Make a texture that shows repeated what another shows clamped or mirrored along one axis, and the coordinates in it.
 
         It is the same one if the vertices lie within it to half a pixel.

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.gltf import SURFACES, TRIANGLES, Document, Primitive, entries_of, foreign_extensions, one_line, table
 from pipeline.formats.gltf_look import Looks
 from pipeline.formats.mesh_companions import Companions
 from pipeline.formats.mesh_parts import Decode, check_mesh
+from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.geometry.transforms import compose, transform_points, unit_vectors
 
@@ -43,11 +44,11 @@ class _Part:
     """A primitive with its points (V, 3) before any pose, and its look."""
 
     primitive: Primitive
-    points: NDArray[np.float64]
+    points: Array
     look: Look
 
 
-def _placed(part: _Part, poses: NDArray[np.float64], skin: NDArray[np.float64] | None) -> Mesh:
+def _placed(part: _Part, poses: Array, skin: Array | None) -> Mesh:
     """Copy a part into each of its poses (I, 4, 4), deformed by the matrices (J, 4, 4) of its skin."""
     points, faces, look = part.points, part.primitive.faces, part.look
     if skin is not None:
@@ -62,7 +63,7 @@ def _placed(part: _Part, poses: NDArray[np.float64], skin: NDArray[np.float64] |
     return Mesh(transform_points(poses, points).reshape(-1, 3), faces.reshape(-1, 3).astype(np.int32), look)
 
 
-def _deform(points: NDArray[np.float64], primitive: Primitive, skin: NDArray[np.float64]) -> NDArray[np.float64]:
+def _deform(points: Array, primitive: Primitive, skin: Array) -> Array:
     """Move points (V, 3) by the matrices (J, 4, 4) of their joints, weighted."""
     sets = [name.removeprefix("JOINTS") for name in sorted(primitive.attributes) if name.startswith("JOINTS_")]
     if not sets:
@@ -115,7 +116,7 @@ class _Nodes:
             self._parts[key] = [_Part(part, part.read("POSITION", 3), self._looks.look(part)) for part in primitives]
         return self._parts[key]
 
-    def poses(self, number: int) -> NDArray[np.float64]:
+    def poses(self, number: int) -> Array:
         """Compute the poses of a node's mesh, (I, 4, 4): one, or those of its instances; the world's origin if it has a skin."""
         node = self._nodes[number]
         instancing = table(table(node, "extensions"), "EXT_mesh_gpu_instancing")
@@ -132,7 +133,7 @@ class _Nodes:
         instances = pose_matrix(*(arrays.get(name, default) for name, default in REST.items()))
         return compose(self._world[number], instances)
 
-    def skin(self, number: int) -> NDArray[np.float64] | None:
+    def skin(self, number: int) -> Array | None:
         """Compute the matrices (J, 4, 4) by which the joints of a node's skin move its vertices; None without one."""
         if "skin" not in self._nodes[number]:
             return None
@@ -154,7 +155,7 @@ class _Nodes:
         if len(parents) < sum(map(len, self._children)):
             raise InvalidInput("a node of it has two parents; export it again")
         roots = [number for number in range(len(self._nodes)) if number not in parents]
-        self._world = dict[int, NDArray[np.float64]]()
+        self._world = dict[int, Array]()
         waiting = list(roots)
         for number in waiting:
             pose = _pose(self._document.entry("nodes", number))
@@ -176,14 +177,14 @@ class _Nodes:
         return list(shown)
 
 
-def _pose(node: dict[str, Any]) -> NDArray[np.float64]:
+def _pose(node: dict[str, Any]) -> Array:
     """Return the matrix (4, 4) of a node in its parent."""
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     return pose_matrix(*(node.get(name.lower(), default) for name, default in REST.items()))
 
 
-def pose_matrix(translation: ArrayLike, rotation: ArrayLike, scale: ArrayLike) -> NDArray[np.float64]:
+def pose_matrix(translation: ArrayLike, rotation: ArrayLike, scale: ArrayLike) -> Array:
     """Compose translations (..., 3), quaternions x, y, z, w (..., 4) of any length and scales (..., 3) into matrices (..., 4, 4)."""
     x, y, z, w = np.moveaxis(unit_vectors(np.asarray(rotation, np.float64)), -1, 0)
     turn = [
@@ -197,7 +198,7 @@ def pose_matrix(translation: ArrayLike, rotation: ArrayLike, scale: ArrayLike) -
     return pose
 
 
-def _mirrors(matrices: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _mirrors(matrices: Array) -> Mask:
     """Whether matrices (..., 4, 4) turn a left hand into a right one."""
     axes = matrices[..., :3, :3]
     return np.asarray((np.cross(axes[..., 0, :], axes[..., 1, :]) * axes[..., 2, :]).sum(axis=-1) < 0)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from pipeline.errors import InvalidInput, missing_name
@@ -17,6 +16,7 @@ from pipeline.formats.description_file import description_path, read_description
 from pipeline.formats.file_content import expanded
 from pipeline.formats.hand_joints import JointRoles, joint_roles, moved_links
 from pipeline.formats.urdf import read_urdf
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.convex_shapes import with_convex_shapes
@@ -25,8 +25,7 @@ from pipeline.kernels.hand.self_collision import overlapping_neighbours
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
-Label = Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{1,60}$")]
-"""A name of an array's entry, and of exported files."""
+Label = Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{1,60}$")]  # a name of an array's entry, and of exported files
 Value = TypeVar("Value")
 MAX_SKEW = 1e-2
 """Cosine of the angle between a sensor's normal and columns from which it is no rounding: directions of three digits are read."""
@@ -260,7 +259,7 @@ def _mounts(owner: str, entries: Sequence[_SensorMount], numbers: Mapping[str, i
     return mounts
 
 
-def _sensor_pose(name: str, entry: _SensorMount) -> NDArray[np.float64]:
+def _sensor_pose(name: str, entry: _SensorMount) -> Array:
     z, x = _unit(entry.normal, f"{name}: normal"), _unit(entry.columns, f"{name}: columns")
     if abs(x @ z) > MAX_SKEW:
         angle = np.degrees(np.arccos(x @ z))
@@ -279,7 +278,7 @@ def _find(kind: str, name: str, values: Mapping[str, Value]) -> Value:
     return values[name]
 
 
-def _unit(vector: Vector, what: str) -> NDArray[np.float64]:
+def _unit(vector: Vector, what: str) -> Array:
     size = float(length(vector))
     if size == 0:
         raise InvalidInput(f"{what} is the zero vector; give a direction")

@@ -2,7 +2,8 @@
 
 import io
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,11 @@ from PIL.TiffImagePlugin import BITSPERSAMPLE, TiffImageFile
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import foreign_content, read_file
+from pipeline.kernels.arrays import Mask
 
-FORMATS = ("PNG", "JPEG", "BMP", "TIFF")
-"""Pillow would open others too, some by starting a program."""
-SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
-"""Suffixes of their files."""
-MAX_BYTES, MAX_PIXELS = 2**28, 2**26
-"""Limits of a file, and of the image in it: 67 megapixels take 200 MB."""
+FORMATS = ("PNG", "JPEG", "BMP", "TIFF")  # Pillow would open others too, some by starting a program
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")  # suffixes of their files
+MAX_BYTES, MAX_PIXELS = 2**28, 2**26  # limits of a file, and of the image in it: 67 megapixels take 200 MB
 
 
 def image_files(files: Iterable[Path], leave_out: Path) -> list[Path]:
@@ -34,7 +33,7 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     return pixels
 
 
-def read_mask(path: Path) -> NDArray[np.bool_]:
+def read_mask(path: Path) -> Mask:
     """Read a mask: (rows, cols) bool, true where the file is not 0 in some colour; errors as `read_image`, and JPEG is refused."""
 
     def levels(image: Image.Image) -> NDArray[Any]:
@@ -56,22 +55,28 @@ def read_depth(path: Path) -> NDArray[Any]:
     return np.asarray(numbers)
 
 
-def _read_pixels(path: Path, modes: tuple[str, ...], what: str, remedy: str, convert: Callable[[Image.Image], Any]) -> Any:
-    """Open an image that has one of these Pillow modes, and convert it."""
-    content = read_file(path, MAX_BYTES)
+@contextmanager
+def open_image(path: Path, formats: list[str] | tuple[str, ...] = FORMATS, *, max_bytes: int = MAX_BYTES) -> Iterator[Image.Image]:
+    """Open an image file; whatever Pillow trips over becomes an `InvalidInput` that names the file."""
+    content = read_file(path, max_bytes)
     try:
-        with Image.open(io.BytesIO(content), formats=FORMATS) as image:
-            _check(path, image, modes, what, remedy)
-            ImageOps.exif_transpose(image, in_place=True)
-            return convert(image)
+        with Image.open(io.BytesIO(content), formats=formats) as image:
+            yield image
     except InvalidInput:
         raise
-    except UnidentifiedImageError as error:
-        if foreign := foreign_content(content):
-            raise InvalidInput(f"{path} is {foreign}") from error
-        raise InvalidInput(f"{path} cannot be read as an image; give a file in {', '.join(FORMATS)}") from error
+    except UnidentifiedImageError as error:  # its message has a memory address
+        problem = foreign_content(content) or f"no image that can be read; give a file in {', '.join(formats)}"
+        raise InvalidInput(f"{path} is {problem}") from error
     except Exception as error:  # Pillow's readers raise whatever their parsing trips over
         raise InvalidInput(f"{path} cannot be read as an image ({error}); save it again") from error
+
+
+def _read_pixels(path: Path, modes: tuple[str, ...], what: str, remedy: str, convert: Callable[[Image.Image], Any]) -> Any:
+    """Open an image that has one of these Pillow modes, and convert it."""
+    with open_image(path) as image:
+        _check(path, image, modes, what, remedy)
+        ImageOps.exif_transpose(image, in_place=True)
+        return convert(image)
 
 
 def _check(path: Path, image: Image.Image, modes: tuple[str, ...], what: str, remedy: str) -> None:

@@ -20,30 +20,19 @@ from pipeline.errors import InvalidInput
 from pipeline.formats import collada
 from pipeline.formats.file_content import MESH_SUFFIXES, decode_text, refuse_foreign, refuse_pointer, regular_stat, without_mark
 from pipeline.formats.gltf import file_names, read_document
-from pipeline.formats.mtl import OPTIONS, read_library
-from pipeline.formats.obj_lines import LIBRARY
+from pipeline.formats.obj import LIBRARY, OPTIONS, read_library
 
-MAX_BYTES = 256 * 2**20
-"""Maximum size of a mesh file, and of all files that it names together."""
-
-MAX_NAMES = 1000
-"""Maximum number of file names in a mesh file."""
-
+MAX_BYTES = 256 * 2**20  # maximum size of a mesh file, and of all files that it names together
+MAX_NAMES = 1000  # maximum number of file names in a mesh file
 WIDE_SOLID = re.compile(rb"(\xff\xfe|(\0\0)?\xfe\xff)\0*s\0+o\0+l\0+i\0+d", re.IGNORECASE)
 """How the text of an STL begins in UTF-16 and UTF-32."""
-
 ALL_LIBRARIES = "*"
 """Name of all material libraries of an OBJ, one after the other: it may have several, trimesh takes one."""
-
-
 SEARCHED_SUFFIXES = {".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tga", ".tif", ".tiff", ".webp", ".dds", ".ppm", ".pcx"}
 """Suffixes of files that are searched for. A glTF's buffer is not: another one would be another shape."""
-
 MAX_ENTRIES = 200_000
 """Maximum number of files and folders below a folder that is searched; in a larger one nothing is found."""
-
-CACHE_SECONDS = 60
-"""How long a listing is used: thousands of meshes may lack their textures."""
+CACHE_SECONDS = 60  # how long a listing is used: thousands of meshes may lack their textures
 
 
 class Companions(Mapping[str, bytes]):

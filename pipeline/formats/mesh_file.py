@@ -12,24 +12,24 @@ import trimesh
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput, first_line
-from pipeline.formats import mtl
+from pipeline.formats import obj
 from pipeline.formats.collada import check_shape, cut_concave, rewrite_effects
 from pipeline.formats.file_content import MESH_SUFFIXES, refuse_foreign
 from pipeline.formats.gltf_scene import read_gltf
 from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions
-from pipeline.formats.mesh_parts import GREY, MAX_UV, check_corners, check_mesh
-from pipeline.formats.obj_lines import check_statements, rewrite_lines, rewrite_uses, usual_text
+from pipeline.formats.mesh_parts import GREY, WHITE, build_part, check_corners, check_mesh
+from pipeline.formats.obj import check_statements, rewrite_lines, rewrite_uses, usual_text
 from pipeline.formats.off import read_off
 from pipeline.formats.ply import read_ply
 from pipeline.formats.stl import read_stl
 from pipeline.formats.textures import Textures
 from pipeline.formats.threemf import read_threemf
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Look, Mesh
 
 PLACEHOLDER = trimesh.visual.material.empty_material().image
 PLACEHOLDER_PIXELS = np.array(PLACEHOLDER.convert("RGBA"))
 """The image that trimesh substitutes where a file has texture coordinates and no material."""
-
 trimesh.util.log.disabled = True  # it logs tracebacks of what it recovers from
 
 
@@ -100,17 +100,34 @@ def _read(content: bytes, file: Path, companions: Companions, transparent: Set[s
     check_mesh(sum(len(parts[name].faces) for _, name in nodes), sum(len(parts[name].vertices) for _, name in nodes))
     textures = Textures(companions, transparent)
     looks = {name: _look(part, textures) for name, part in parts.items()}
-    return [_placed(parts[name], pose, looks[name]) for pose, name in nodes]
+    return [_build(parts[name], pose, looks[name]) for pose, name in nodes]
 
 
-def _placed(part: Any, pose: NDArray[np.float64], look: Look) -> Mesh:
-    """Copy the triangles of a part, transformed by its pose."""
+def _build(part: Any, pose: Array, look: dict[str, Any]) -> Mesh:
     part = part.copy(include_visual=False)
     if np.ndim(part.vertices) != 2 or part.vertices.shape[1] != 3:
         raise ValueError(f"vertices have shape {np.shape(part.vertices)}, not (n, 3)")
     check_corners(part.faces, len(part.vertices))
     part.apply_transform(pose)
-    return Mesh(np.asarray(part.vertices, np.float64), np.asarray(part.faces, np.int32), look)
+    return build_part(part.vertices, part.faces, **look)
+
+
+def _look(part: trimesh.Trimesh, textures: Textures) -> dict[str, Any]:
+    """Read the look of one of trimesh's parts, as `build_part` takes it."""
+    visual: Any = part.visual
+    color, uv, texture = np.array(WHITE if visual.kind == "vertex" else GREY, np.uint8), None, None
+    if visual.kind == "texture":
+        color, texture = _material(visual.material, textures)
+        textures.unread += obj.losses(visual.material, visual.uv)
+        if texture is not None and visual.uv is not None and len(visual.uv) == len(part.vertices):
+            uv = np.asarray(visual.uv, np.float64)[:, :2]
+    return {
+        "face_color": np.tile(color, (len(part.faces), 1)),
+        "vertex_color": _vertex_color(visual, len(part.vertices)),
+        "uv": uv,
+        "page": np.zeros(len(part.faces), np.int64),
+        "textures": (texture,),
+    }
 
 
 def _join(meshes: list[Mesh]) -> Mesh:
@@ -150,30 +167,6 @@ def _renumber(look: Look, numbers: dict[int, int]) -> NDArray[np.int32]:
     return np.array([-1 if index < 0 else numbers[id(look.textures[index])] for index in look.material_texture], np.int32)
 
 
-def _look(part: trimesh.Trimesh, textures: Textures) -> Look:
-    visual: Any = part.visual
-    colors, texture = np.array([GREY], np.uint8), None
-    uv = np.zeros((len(part.vertices), 2), np.float32)
-    if visual.kind == "texture":
-        colors[0], texture = _material(visual.material, textures)
-        textures.unread += mtl.losses(visual.material, visual.uv)
-        if visual.uv is None or len(visual.uv) != len(uv):
-            texture = None
-        elif texture is not None:
-            coordinates = np.asarray(visual.uv, np.float64)[:, :2]
-            uv[:] = np.where(np.abs(coordinates) < MAX_UV, coordinates, 0)  # NaN too
-    elif visual.kind == "vertex":
-        colors[0] = 255
-    return Look(
-        uv=uv,
-        face_material=np.zeros(len(part.faces), np.int32),
-        base_color=colors,
-        material_texture=np.array([-1 if texture is None else 0], np.int32),
-        textures=() if texture is None else (texture,),
-        vertex_color=_vertex_color(visual, len(part.vertices)),
-    )
-
-
 def _vertex_color(visual: Any, count: int) -> NDArray[np.uint8] | None:
     """Return the (V, 4) sRGB colours of vertices, where a part states them, alone or beside a material."""
     stored = visual.vertex_colors if visual.kind == "vertex" else getattr(visual, "vertex_attributes", {}).get("color")
@@ -192,12 +185,12 @@ def _material(material: Any, textures: Textures) -> tuple[NDArray[np.uint8], NDA
         image = material.baseColorTexture
         return color, None if image is None else textures.decode(image, opaque=not textures.is_transparent(image))
     values, image = getattr(material, "kwargs", {}), getattr(material, "image", None)
-    texture = None if image is None else textures.decode(image, opaque=not mtl.keeps_alpha(values, image.info.get("file_path", "")))
+    texture = None if image is None else textures.decode(image, opaque=not obj.keeps_alpha(values, image.info.get("file_path", "")))
     if texture is None:
         color[:] = getattr(material, "diffuse", GREY) if image is None or "kd" in values else GREY
-        if (light := mtl.emission(values)) is not None:
+        if (light := obj.emission(values)) is not None:
             color[:3] = np.rint(255 * light)
-    color[3] = round(255 * mtl.opacity(values))
+    color[3] = round(255 * obj.opacity(values))
     if image is not None and texture is not None and image.mode == PLACEHOLDER.mode and np.array_equal(texture, PLACEHOLDER_PIXELS):
         color[:], texture = GREY, None  # the file states no material, or a missing one
     return color, texture

@@ -10,25 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array, Floats, Integers, Mask
 from pipeline.kernels.geometry.mesh import Look, Mesh
 
 Decode = Callable[[str, bytes], "NDArray[np.uint8] | None"]
 """Decode the texture of this name and content to (height, width, 4); None, and an entry of `unread`, if that fails."""
-
 MAX_UV = 2.0**20
 """Repeats of a texture beyond which float32 cannot tell its pixels apart: such coordinates are damaged, and become 0."""
-
-GREY = (178, 178, 178, 255)
-"""The colour of faces without a material, as 3D Warehouse's default material."""
-
+GREY = (178, 178, 178, 255)  # the colour of faces without a material, as 3D Warehouse's default material
 WHITE = (255, 255, 255, 255)
-
 MAX_FACES = 2_000_000
 """Maximum number of faces of a mesh file, and a third of that of vertices. More would take gigabytes, whatever `max_faces` allows."""
-
-
-TURN = 1e-6
-"""Sine of the turn at a corner, against the polygon's sense, from which it counts as concave."""
+TURN = 1e-6  # sine of the turn at a corner, against the polygon's sense, from which it counts as concave
 
 
 def check_count(what: str, number: int, limit: int, remedy: str) -> None:
@@ -43,13 +36,13 @@ def check_mesh(faces: int, vertices: int) -> None:
     check_count("vertices", vertices, 3 * MAX_FACES, "decimate the mesh")
 
 
-def check_corners(corners: NDArray[np.integer], vertices: int) -> None:
+def check_corners(corners: Integers, vertices: int) -> None:
     """Refuse faces that name a vertex beyond the number that there is."""
     if corners.size and not (corners.min() >= 0 and corners.max() < vertices):
         raise InvalidInput(f"a face names a vertex outside 0..{vertices - 1}; the file is damaged")
 
 
-def read_numbers(text: bytes) -> NDArray[np.float64]:
+def read_numbers(text: bytes) -> Array:
     """Read the numbers between blanks; refuse other text."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)  # what earlier versions of NumPy raise
@@ -82,7 +75,7 @@ def eight_bits(colors: NDArray[Any], *, fractions: bool) -> NDArray[np.uint8]:
 def triangulate(
     corners: NDArray[np.int64],  # (C,) vertices of all polygons, one polygon after the other
     sizes: NDArray[np.int64],  # (P,) corners of each polygon; fewer than three give no triangle
-    vertices: NDArray[np.float64],  # (V, 3)
+    vertices: Array,  # (V, 3)
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # (T, 3) indices into `corners`, in the order of the polygons; (T,) the polygon of each
     """Cut polygons into triangles: fans, of concave ones ears."""
     firsts = np.cumsum(sizes) - sizes
@@ -103,7 +96,7 @@ def triangulate(
     return np.concatenate(pieces)[order], polygon[order]
 
 
-def is_concave(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
+def is_concave(corners: Array) -> Mask:
     """Whether polygons (P, N, 3) turn against their own sense at a corner."""
     sides = np.roll(corners, -1, axis=1) - corners
     lengths, normal = np.linalg.norm(sides, axis=2), _normal(corners)
@@ -112,7 +105,7 @@ def is_concave(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray((turns < -limit).any(axis=1))
 
 
-def ear_clip(corners: NDArray[np.float64]) -> NDArray[np.integer]:
+def ear_clip(corners: Array) -> Integers:
     """Cut a polygon (N, 3), as seen along its normal, into triangles (T, 3) of its corners."""
     normal, sides = _normal(corners), np.roll(corners, -1, axis=0) - corners
     across = sides[np.linalg.norm(sides, axis=1).argmax()]
@@ -122,20 +115,20 @@ def ear_clip(corners: NDArray[np.float64]) -> NDArray[np.integer]:
     ).reshape(-1, 3)
 
 
-def _normal(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+def _normal(corners: Array) -> Array:
     """Compute twice the area of polygons (…, N, 3) as vectors (…, 3)."""
     spokes = corners - corners[..., :1, :]
     return np.asarray(np.cross(spokes, np.roll(spokes, -1, axis=-2)).sum(axis=-2))
 
 
 def build_part(
-    vertices: NDArray[np.float64],  # (V, 3)
-    faces: NDArray[np.integer],  # (F, 3)
+    vertices: Array,  # (V, 3)
+    faces: Integers,  # (F, 3)
     *,
     face_color: NDArray[np.uint8] | None = None,  # (F, 4)
     vertex_color: NDArray[np.uint8] | None = None,  # (V, 4)
-    uv: NDArray[np.floating] | None = None,  # (V, 2)
-    page: NDArray[np.integer] | None = None,  # (F,) index in `textures`, -1 for none
+    uv: Floats | None = None,  # (V, 2)
+    page: Integers | None = None,  # (F,) index in `textures`, -1 for none
     textures: Sequence[NDArray[np.uint8] | None] = (),
 ) -> Mesh:
     """Build a mesh; faces without a colour of their own are grey, or white where vertices or a texture colour them."""
@@ -162,8 +155,8 @@ def build_part(
 
 
 def split_vertices(
-    faces: NDArray[np.integer],  # (F, 3)
-    values: NDArray[np.integer],  # (F, 3) a number >= 0 per corner, of its colour or texture coordinates
+    faces: Integers,  # (F, 3)
+    values: Integers,  # (F, 3) a number >= 0 per corner, of its colour or texture coordinates
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Give each vertex one value: (V,) the old vertex and (V,) the value of each new one, and (F, 3) new faces."""
     count = int(values.max(initial=0)) + 1

@@ -8,6 +8,7 @@ import atexit
 import errno
 import json
 import os
+import pickle
 import resource
 import signal
 import subprocess
@@ -17,24 +18,17 @@ import traceback
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
-from typing import IO, Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import IO
 
 from pipeline.errors import InvalidInput, StageError
-from pipeline.kernels.geometry.mesh import Look, Mesh
+from pipeline.kernels.geometry.mesh import Mesh
 
 BYTES = 5 * 2**28
 """Memory that reading a file may take: a COLLADA file of a million faces takes 1.1 GB, other formats less."""
-
-SECONDS = 60
-"""Processor time that reading a file may take: a million faces take 7 s at most."""
-
+SECONDS = 60  # processor time that reading a file may take: a million faces take 7 s at most
 REMEDY = "decimate the mesh, name each part once, or write it as binary PLY"
 START = "from pipeline.formats.mesh_reader import serve; serve()"
 """The program of the process."""
-
 _lock = threading.Lock()
 _readers: dict[int, subprocess.Popen[bytes]] = {}
 """The reader of each process that has one, by its number: a fork of it starts its own."""
@@ -57,9 +51,9 @@ def load_mesh(file: Path, root: Path | None = None) -> Mesh:
         except BaseException:  # part of an answer may be unread
             end_reader()
             raise
-    if isinstance(answer, Mesh):
-        return answer
-    raise InvalidInput(answer)
+    if isinstance(answer, Exception):
+        raise answer
+    return answer
 
 
 def end_reader() -> None:
@@ -90,22 +84,21 @@ def serve() -> None:
 
 
 def _answer(read: Callable[[], Mesh], answers: IO[bytes], limits: dict[int, int]) -> None:
-    """Write a mesh or an error message, and end this process."""
+    """Write a mesh or an error, and end this process."""
     try:
         for kind, limit in {**limits, resource.RLIMIT_CORE: 0}.items():
             soft, hard = resource.getrlimit(kind)
             resource.setrlimit(kind, (min([limit, *(current for current in (soft, hard) if current != resource.RLIM_INFINITY)]), hard))
+        answer: Mesh | Exception
         try:
-            arrays, head = _arrays(read())
+            answer = read()
         except InvalidInput as error:
-            arrays, head = [], {"error": str(error)}
+            answer = InvalidInput(str(error))
         except MemoryError:
             raise
         except Exception:
-            arrays, head = [], {"bug": traceback.format_exc()}
-        answers.write(json.dumps(head).encode() + b"\n")
-        for array in arrays:
-            answers.write(_bytes(array))
+            answer = RuntimeError(traceback.format_exc())
+        pickle.dump(answer, answers, protocol=5)
         answers.flush()
         os._exit(0)
     except MemoryError:
@@ -130,61 +123,31 @@ def _start() -> subprocess.Popen[bytes]:
     )
 
 
-def _ask(reader: subprocess.Popen[bytes], file: Path, root: Path) -> Mesh | str:
-    """Request a mesh; return an error message if there is none."""
+def _ask(reader: subprocess.Popen[bytes], file: Path, root: Path) -> Mesh | Exception:
     if reader.stdin is None or reader.stdout is None:
         raise ValueError("a reader without pipes")
     try:
         reader.stdin.write(json.dumps([os.path.abspath(file), os.path.abspath(root), BYTES, SECONDS]).encode() + b"\n")
         reader.stdin.flush()
-        line = reader.stdout.readline()
-        if line.endswith(b"\n"):
-            head = json.loads(line)
-            if "bug" in head:
-                raise RuntimeError(head["bug"])
-            return head["error"] if "error" in head else _mesh(head, reader.stdout)
-    except (BrokenPipeError, EOFError):
-        pass
-    return _failure_reason(file.name, reader.wait())
+        answer: Mesh | Exception = pickle.load(reader.stdout)
+        return answer
+    except (BrokenPipeError, EOFError, pickle.UnpicklingError):  # it ended before, or in, its answer
+        return _failure(file.name, reader.wait())
 
 
-def _failure_reason(name: str, status: int) -> str:
+def _failure(name: str, status: int) -> InvalidInput:
     """Explain why a file could not be read, from its reader's exit status."""
     if status == errno.ENOMEM:
-        return f"{name} needs more than {BYTES / 1e9:.1f} GB of memory to read; {REMEDY}"
+        return InvalidInput(f"{name} needs more than {BYTES / 1e9:.1f} GB of memory to read; {REMEDY}")
     if status == 128 + signal.SIGXCPU:
-        return f"{name} takes more than {SECONDS} s of processor time to read; {REMEDY}"
+        return InvalidInput(f"{name} takes more than {SECONDS} s of processor time to read; {REMEDY}")
     if status == 128 + signal.SIGKILL:
-        return f"{name} was being read when the kernel ended its reader, as it does when memory is short; {REMEDY}, or use fewer workers"
+        reason = "was being read when the kernel ended its reader, as it does when memory is short"
+        return InvalidInput(f"{name} {reason}; {REMEDY}, or use fewer workers")
     if status > 128:
-        return f"{name} ends the process that reads it ({signal.Signals(status - 128).name}); write it with another program"
+        name_of_signal = signal.Signals(status - 128).name
+        return InvalidInput(f"{name} ends the process that reads it ({name_of_signal}); write it with another program")
     raise StageError(f"the process that reads mesh files ended with status {status}; what it printed says why")
-
-
-def _arrays(mesh: Mesh) -> tuple[list[NDArray[Any]], dict[str, object]]:
-    """List the arrays of a mesh, and describe them."""
-    look = mesh.look
-    colors = [] if look.vertex_color is None else [look.vertex_color]
-    shape: list[NDArray[Any]] = [mesh.vertices, mesh.faces]
-    arrays = [*shape, look.uv, look.face_material, look.base_color, look.material_texture, *colors, *look.textures]
-    described = [[array.dtype.str, array.shape] for array in arrays]
-    return arrays, {"colors": bool(colors), "arrays": described, "unread": mesh.unread}
-
-
-def _mesh(head: dict[str, Any], stream: IO[bytes]) -> Mesh:
-    """Read the arrays of a mesh from their description."""
-    arrays = [np.empty(shape, dtype) for dtype, shape in head["arrays"]]
-    for array in arrays:
-        if stream.readinto(content := _bytes(array)) != len(content):  # type: ignore[attr-defined]
-            raise EOFError
-    vertices, faces, uv, face_material, base_color, material_texture, *textures = arrays
-    colors = textures.pop(0) if head["colors"] else None
-    look = Look(uv, face_material, base_color, material_texture, tuple(textures), colors)
-    return Mesh(vertices, faces, look, tuple(head["unread"]))
-
-
-def _bytes(array: NDArray[Any]) -> memoryview:
-    return np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
 
 
 atexit.register(end_reader)

@@ -8,13 +8,12 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_parts import GREY, build_part, check_corners, check_mesh, eight_bits, read_numbers, triangulate
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
 
 KIND = re.compile(rb"\s*((?:ST|C|N|4|n)*)OFF\b|\s*off\b|\s*((?:ST|C|N|4|n)*)OFF(?=\d)")
 """The first word: which numbers follow the position of a vertex. Some files have no blank behind it; it may be missing."""
-
-MAX_NORMAL = 2 * np.pi
-"""Largest part of a normal that programs write: they sum up the angles of the faces at a vertex."""
+MAX_NORMAL = 2 * np.pi  # largest part of a normal that programs write: they sum up the angles of the faces at a vertex
 
 
 def read_off(content: bytes, unread: list[str]) -> list[Mesh]:
@@ -45,7 +44,7 @@ def read_off(content: bytes, unread: list[str]) -> list[Mesh]:
     return [build_part(vertices, corners[triangles], face_color=face_color, vertex_color=colors)]
 
 
-def _vertices(lines: Sequence[bytes], kind: str, unread: list[str]) -> tuple[NDArray[np.float64], NDArray[np.uint8] | None]:
+def _vertices(lines: Sequence[bytes], kind: str, unread: list[str]) -> tuple[Array, NDArray[np.uint8] | None]:
     """Read positions (V, 3) and colours (V, 4) from lines of position, normal, colour and texture coordinates."""
     numbers = read_numbers(b" ".join(lines))
     width = len(numbers) // max(len(lines), 1)
@@ -67,7 +66,7 @@ def _vertices(lines: Sequence[bytes], kind: str, unread: list[str]) -> tuple[NDA
     return vertices, None
 
 
-def _are_colors(first: NDArray[np.float64], last: NDArray[np.float64]) -> bool:
+def _are_colors(first: Array, last: Array) -> bool:
     """Check whether colours stand before normals, as MeshLab writes them, and not behind, as Geomview defines and MeshLab reads them."""
     return bool(first.size and first.min() >= 0 and first.max() > MAX_NORMAL >= np.abs(last).max())
 

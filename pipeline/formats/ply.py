@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_parts import Decode, build_part, check_corners, check_mesh, eight_bits, split_vertices, triangulate
 from pipeline.formats.ply_elements import Element, read_elements
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
 
 COLORS = [
@@ -18,18 +19,12 @@ COLORS = [
     for prefix, channels in product(("", "diffuse_"), (("red", "green", "blue", "alpha"), ("r", "g", "b", "a")))
 ]
 """Names of the properties of a colour, the last of which may be missing."""
-
 COLOR_LIKE = re.compile(r"(?!ambient|specular|emissive).*(?:red|green|blue|colou?r|rgb)|intensity$|gr[ae]y$|material_index$")
 """Names of properties that look like a colour."""
-
-COORDINATES = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
-"""Names of the texture coordinates of a vertex."""
-
+COORDINATES = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))  # names of the texture coordinates of a vertex
 PAGES = ("texnumber", "texindex", "tex_index", "texture_index", "texture_number")
 """Names of the property of a face, or of a vertex, that numbers its texture from 0."""
-
-TEXTURE = "texturefile"
-"""The word in a comment before the name of a texture."""
+TEXTURE = "texturefile"  # the word in a comment before the name of a texture
 
 
 def read_ply(content: bytes, files: Mapping[str, bytes], decode: Decode, unread: list[str]) -> list[Mesh]:
@@ -140,7 +135,7 @@ def _unsigned(levels: NDArray[Any]) -> NDArray[Any]:
 
 def _corner_uv(
     vertex: Element, face: Element, indices: str, places: NDArray[np.int64], polygon: NDArray[np.int64], faces: NDArray[np.int64]
-) -> NDArray[np.float64] | None:
+) -> Array | None:
     """Read texture coordinates (F, 3, 2) of triangles from a list per polygon, or from vertices; NaN where there are none."""
     if name := next((of.name for of in face.properties if of.name in face.sizes and of.type.kind == "f" and of.name != indices), None):
         sizes, corner_sizes = face.sizes[name], face.sizes[indices]

@@ -19,7 +19,6 @@ TYPES = {
     **{f"float{bits}": f"f{bits // 8}" for bits in (16, 32, 64)},
 }
 """NumPy's types by their names in a PLY file, old and new."""
-
 HEADER = re.compile(rb"\s*ply[ \t]*[\r\n].*?[\r\n]end_header[ \t]*(?:\r\n|\n|\r)", re.DOTALL)
 
 

@@ -1,26 +1,19 @@
 """Folders of 3D-R2N2's renderings: `SYNSET/MODEL/rendering` with 24 images and their viewpoints."""
 
-import io
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.file_content import foreign_content, read_file, read_text
+from pipeline.formats.file_content import read_text
+from pipeline.formats.image_file import open_image
 from pipeline.kernels.vision.camera import Viewpoint
 
-VIEWS, PIXELS = 24, 137
-"""Images per model, and pixels per side of each."""
-
-METADATA, LIST = "rendering_metadata.txt", "renderings.txt"
-FIELD_OF_VIEW = 25.0
-"""Degrees, the last value of each line of the metadata: the cited renderings state it, and were not made with it."""
-MAX_BYTES = 2**20
-"""Maximum size of an image, or of the metadata: those of the cited renderings have 5 to 30 kB."""
+VIEWS, PIXELS = 24, 137  # images per model, and pixels per side of each
+METADATA = "rendering_metadata.txt"
+MAX_BYTES = 2**20  # maximum size of an image, or of the metadata: those of the cited renderings have 5 to 30 kB
 
 
 def rendering_files(folder: Path) -> list[Path]:
@@ -67,28 +60,8 @@ def _viewpoint(path: Path, number: int, line: str) -> Viewpoint:
 
 
 def _read_image(path: Path) -> NDArray[np.uint8]:
-    content = read_file(path, MAX_BYTES)
-    try:
-        with Image.open(io.BytesIO(content), formats=["PNG"]) as image:
-            if image.size != (PIXELS, PIXELS) or image.mode != "RGBA":
-                size = f"{image.width} x {image.height} pixels of {image.mode}"
-                raise InvalidInput(f"{path} has {size}; a rendering has {PIXELS} x {PIXELS} pixels of RGBA")
-            return np.array(image)
-    except InvalidInput:
-        raise
-    except UnidentifiedImageError as error:  # its message has a memory address, which differs in each run
-        problem = foreign_content(content) or "no PNG file; download the model's renderings again"
-        raise InvalidInput(f"{path} is {problem}") from error
-    except Exception as error:  # Pillow's readers raise whatever their parsing trips over
-        raise InvalidInput(f"{path} cannot be read as PNG ({error}); download the model's renderings again") from error
-
-
-def write_renderings(folder: Path, images: NDArray[np.uint8], viewpoints: Sequence[Viewpoint]) -> None:
-    """Write a model's renderings (24, 137, 137, 4), sRGB and opacity, in the form that `read_renderings` reads."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for number, image in enumerate(images):
-        Image.fromarray(image).save(folder / image_name(number))
-    (folder / LIST).write_text("".join(f"{image_name(number)}\n" for number in range(len(images))))
-    (folder / METADATA).write_text(
-        "".join(" ".join(map(repr, [*vars(viewpoint).values(), FIELD_OF_VIEW])) + "\n" for viewpoint in viewpoints)
-    )
+    with open_image(path, ["PNG"], max_bytes=MAX_BYTES) as image:
+        if image.size != (PIXELS, PIXELS) or image.mode != "RGBA":
+            size = f"{image.width} x {image.height} pixels of {image.mode}"
+            raise InvalidInput(f"{path} has {size}; a rendering has {PIXELS} x {PIXELS} pixels of RGBA")
+        return np.array(image)

@@ -7,22 +7,18 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_parts import GREY, MAX_FACES, build_part, check_count, read_numbers
+from pipeline.kernels.arrays import Floats
 from pipeline.kernels.geometry.mesh import Mesh
 
-HEAD = 84
-"""Bytes before the first triangle of a binary file: 80 of a title, four of the number of triangles."""
-
+HEAD = 84  # bytes before the first triangle of a binary file: 80 of a title, four of the number of triangles
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 NAME = re.compile(rb"(?:^|[\r\n])[ \t]*(?:end[ \t]*)?solid\b(?:(?!\bfacet\b)[^\r\n])*", re.IGNORECASE)
 """The begin or the end of a solid with its name, which may be any words."""
-
 VERTEX = re.compile(rb"\bvertex((?:\s+[-+.\d]\S*)*)", re.IGNORECASE)
 SOLID = re.compile(rb"\s*solid\b", re.IGNORECASE)
 """How text begins. A binary file may too, but has a zero byte in the number of its triangles."""
-
 MAGICS = re.compile(rb"COLOR=(.{3})(.)", re.DOTALL)
 """The colour of the whole object in the title of a binary file that Magics writes, and its opacity."""
-
 MESHLAB = b"COLOR=\x7f\x7f\x7f MATERIAL="
 """How the title begins that MeshLab writes for Magics: with a blank for the opacity, and bit 15 of attributes the other way round."""
 
@@ -48,7 +44,7 @@ def read_stl(content: bytes, unread: list[str]) -> list[Mesh]:
     return _soup(records["corners"], _colors(content[:80], records["attribute"], unread))
 
 
-def _soup(corners: NDArray[np.floating], colors: NDArray[np.uint8] | None = None) -> list[Mesh]:
+def _soup(corners: Floats, colors: NDArray[np.uint8] | None = None) -> list[Mesh]:
     """Build a mesh from the corners (T, 3, 3) of triangles and their colours (T, 4)."""
     vertices = corners.reshape(-1, 3).astype(np.float64)
     return [build_part(vertices, np.arange(len(vertices)).reshape(-1, 3), face_color=colors)]

@@ -12,38 +12,27 @@ from numpy.typing import NDArray
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_parts import GREY, WHITE, Decode, build_part, check_corners, check_count, check_mesh, split_vertices
 from pipeline.formats.threemf_package import Element, Model, Package, parse_model
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
 
-MAX_INSTANCES = 100_000
-"""Maximum number of components, counted each time that they are used."""
-
-MAX_DEPTH = 100
-"""Maximum depth of components within components."""
-
+MAX_INSTANCES = 100_000  # maximum number of components, counted each time that they are used
+MAX_DEPTH = 100  # maximum depth of components within components
 EXTENSIONS = ("core/", "material/", "production/", "slice/", "trianglesets/")
 """Parts of the names of the extensions that a file may require: those that are read, and two that do not change the mesh."""
-
 LEFT_OUT = {"support": "a support", "solidsupport": "a support", "other": "a helper that is not built"}
 """Types of objects that are no part of the shape."""
-
 COLORS = {"basematerials": "displaycolor", "colorgroup": "color"}
 """Groups of properties that are colours, and the attribute of each entry that states it."""
-
 UNREAD = {"compositematerials": "mixtures of materials", "multiproperties": "layers of properties"}
 """Groups of properties that are not read."""
-
 SLICER_VOLUMES = {
     "Metadata/Slic3r_PE_model.config": re.compile(rb"ParameterModifier|NegativeVolume|SupportEnforcer|SupportBlocker"),
     "Metadata/model_settings.config": re.compile(rb"modifier_part|negative_part|support_enforcer|support_blocker"),
 }
 """Where PrusaSlicer, and Bambu Studio and its like, state which parts of an object are none of its shape, and their words for these."""
-
-FILAMENTS = "Metadata/project_settings.config"
-"""Where Bambu Studio and its like state the colours of filaments."""
-
+FILAMENTS = "Metadata/project_settings.config"  # where Bambu Studio and its like state the colours of filaments
 CURA_VOLUMES = ("support_mesh", "anti_overhang_mesh", "cutting_mesh", "infill_mesh")
 """Cura's settings of an object that is no part of the shape."""
-
 SETTINGS = ("metadatagroup", "settings")
 """Elements of an object that hold its settings; the latter is of early versions of Cura."""
 
@@ -88,7 +77,7 @@ class _Properties:
 
     first: dict[int, int]  # the first entry of a group
     color: NDArray[np.uint8]  # (N, 4)
-    uv: NDArray[np.float64]  # (N, 2)
+    uv: Array  # (N, 2)
     texture: NDArray[np.int64]  # (N,) index in `textures`, -1 for none
     textures: list[NDArray[np.uint8] | None]
 
@@ -131,7 +120,7 @@ class _Builder:
             self._parts[key] = part
         return self._parts[key]
 
-    def _place(self, part: _Part, reference: Element, pose: NDArray[np.float64], depth: int) -> Iterator[Mesh]:
+    def _place(self, part: _Part, reference: Element, pose: Array, depth: int) -> Iterator[Mesh]:
         """Build the object that an item or a component names, at a pose."""
         self._instances += 1
         check_count("components", self._instances, MAX_INSTANCES, "merge its objects")
@@ -158,7 +147,7 @@ class _Builder:
             elif child.tag not in SETTINGS:
                 raise InvalidInput(f"object {number} is a {child.tag}, which cannot be read; export it as triangles")
 
-    def _mesh(self, part: _Part, thing: Element, mesh: Element, pose: NDArray[np.float64]) -> Iterator[Mesh]:
+    def _mesh(self, part: _Part, thing: Element, mesh: Element, pose: Array) -> Iterator[Mesh]:
         """Build the mesh of an object."""
         name = f"object {thing.attributes['id']} of {part.name}"
         if other := {child.tag for child in mesh.children} - {"vertices", "triangles", "trianglesets", "metadatagroup"}:
@@ -197,31 +186,23 @@ class _Builder:
         """Read the properties of a part: entry 0 is none, the last one is white."""
         if part.name in self._properties:
             return self._properties[part.name]
-        first, colors, uv, pages, textures = dict[int, int](), [GREY], [(0.0, 0.0)], [-1], list[NDArray[np.uint8] | None]()
+        first, textures = dict[int, int](), list[NDArray[np.uint8] | None]()
+        none = (GREY, (0.0, 0.0), -1)
+        rows = [none]  # color, coordinates and number of the texture of each entry
         for number, group in part.resources.items():
             if group.tag not in (*COLORS, *UNREAD, "texture2dgroup"):
                 continue
-            first[int(number)] = len(colors)
+            first[int(number)] = len(rows)
             if group.tag in UNREAD:
                 self.lost[f"{UNREAD[group.tag]} ({group.tag}) are not read"] = None
             if group.tag == "texture2dgroup":
                 textures.append(self._texture(part, group))
-            for entry in group.children:
-                if group.tag == "texture2dgroup":
-                    colors.append(WHITE if textures[-1] is not None else GREY)
-                    uv.append((float(entry.attributes["u"]), float(entry.attributes["v"])))
-                    pages.append(len(textures) - 1 if textures[-1] is not None else -1)
-                else:
-                    colors.append(_color(entry.attributes.get(COLORS.get(group.tag, ""), "")))
-                    uv.append((0.0, 0.0))
-                    pages.append(-1)
-        table = _Properties(
-            first,
-            np.array([*colors, WHITE], np.uint8),
-            np.array([*uv, (0, 0)], np.float64),
-            np.array([*pages, -1], np.int64),
-            textures,
-        )
+                color, page = (GREY, -1) if textures[-1] is None else (WHITE, len(textures) - 1)
+                rows += [(color, (float(entry.attributes["u"]), float(entry.attributes["v"])), page) for entry in group.children]
+            else:
+                rows += [(_color(entry.attributes.get(COLORS.get(group.tag, ""), "")), *none[1:]) for entry in group.children]
+        colors, uv, pages = zip(*rows, (WHITE, *none[1:]), strict=True)
+        table = _Properties(first, np.array(colors, np.uint8), np.array(uv, np.float64), np.array(pages, np.int64), textures)
         return self._properties.setdefault(part.name, table)
 
     def _texture(self, part: _Part, group: Element) -> NDArray[np.uint8] | None:
@@ -239,7 +220,7 @@ class _Builder:
             return self._decode(path, stream.read())
 
 
-def _transform(reference: Element) -> NDArray[np.float64]:
+def _transform(reference: Element) -> Array:
     """Read the pose (4, 4) of an item or a component (3MF core, section 3.3: of rows, four by three)."""
     pose = np.eye(4)
     if "transform" in reference.attributes:

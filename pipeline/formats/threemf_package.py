@@ -11,30 +11,21 @@ from urllib.parse import unquote
 from xml.parsers import expat
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_parts import MAX_FACES, check_count
+from pipeline.kernels.arrays import Array
 
-MAX_ELEMENTS = 1_000_000
-"""Maximum number of elements of a model beside its vertices and triangles."""
-
+MAX_ELEMENTS = 1_000_000  # maximum number of elements of a model beside its vertices and triangles
 HEAD_BYTES = 65_536
 """Bytes within which a COLLADA or 3MF file states its unit: all that is read of it while objects are listed."""
-
-MODEL = "3D/3dmodel.model"
-"""The usual name of the main model."""
-
+MODEL = "3D/3dmodel.model"  # the usual name of the main model
 RELATION, TARGET = re.compile(rb"<[^<>]*Relationship\s[^<>]*>"), re.compile(rb"\sTarget\s*=\s*[\"']([^\"']*)")
 MAIN = re.compile(rb"\sType\s*=\s*[\"'][^\"']*/3dmodel[\"']")
 """A relation to the main model (Open Packaging Conventions, section 6.5)."""
-
 PAINT = ("paint_color", "mmu_segmentation")
 """Attributes of triangles in which slicers store painted colours in a form of their own."""
-
-TEXTS = ("metadata", "setting")
-"""Elements whose text is kept."""
-
+TEXTS = ("metadata", "setting")  # elements whose text is kept
 PROPERTIES = ("pid", "p1", "p2", "p3")
 
 
@@ -59,7 +50,7 @@ class Element:
         return next(self.all(tag), Element(tag, {}))
 
     @cached_property
-    def table(self) -> NDArray[np.float64]:
+    def table(self) -> Array:
         """(N, 3) positions or (N, 7) triangles."""
         return np.frombuffer(self.numbers).reshape(-1, 3 if self.tag == "vertices" else 7)
 

@@ -24,8 +24,7 @@ from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.model import Hand, Inertial, Joint, Link, Mimic, Shape
 
 MOVING = ("revolute", "continuous", "prismatic")
-BAR_AFTER = 1.0
-"""Seconds of reading meshes after which a progress bar is shown."""
+BAR_AFTER = 1.0  # seconds of reading meshes after which a progress bar is shown
 
 
 def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:

@@ -18,19 +18,20 @@ from pipeline.kernels.geometry.transforms import rotation_from_euler, transform_
 from pipeline.kernels.hand.model import Shape
 
 Color = tuple[int, int, int]
-MAX_NUMBER = 1e6
-"""Maximum of a number, metres or radians."""
-
+MAX_NUMBER = 1e6  # maximum of a number, metres or radians
 MAX_TURN, MAX_SLIDE = 1.01 * 2 * np.pi, 1.0
 """rad and m, of a rotation and of the path of a joint that slides: what is larger is in degrees or millimetres."""
-
-MAX_LEVELS = 20
-"""Number of folders around a URDF in which a package is searched for."""
-
+MAX_LEVELS = 20  # number of folders around a URDF in which a package is searched for
 REMEDY = "copy it there, or put an empty package.xml into the folder that holds both"
+GREY: Color = (178, 178, 178)  # sRGB colour of a visual shape that names none
 
-GREY: Color = (178, 178, 178)
-"""sRGB colour of a visual shape that names none."""
+PRIMITIVES: Mapping[str, tuple[dict[str, int], Callable[..., trimesh.Trimesh]]] = {
+    "box": ({"size": 3}, lambda *size: trimesh.creation.box(extents=size)),
+    "sphere": ({"radius": 1}, lambda radius: trimesh.creation.icosphere(subdivisions=3, radius=radius)),
+    "cylinder": ({"radius": 1, "length": 1}, lambda radius, length: trimesh.creation.cylinder(radius, height=length, sections=32)),
+    "capsule": ({"radius": 1, "length": 1}, lambda radius, length: trimesh.creation.capsule(length, radius, count=(16, 32))),
+}
+"""The count of numbers of each attribute of a shape, and the shape of these sizes."""
 
 
 def shape_of(
@@ -40,7 +41,6 @@ def shape_of(
     read: Callable[[Path, Path], Mesh] = load_mesh,  # of a mesh file and the folder that its textures must be in: the package
 ) -> Shape:
     """Read a <visual> or <collision>."""
-    import trimesh  # takes half a second
 
     material = element.find("material")
     (origin, rpy), color = origin_of(element), material_color(material, materials)
@@ -48,18 +48,10 @@ def shape_of(
         body: Any
         companions: tuple[Path, ...] = ()
         path, scale = None, (1.0, 1.0, 1.0)
-        if part.tag == "box":
-            size = _sizes(part, size=3)
-            body = trimesh.creation.box(extents=size)
-        elif part.tag == "sphere":
-            size = _sizes(part, radius=1)
-            body = trimesh.creation.icosphere(subdivisions=3, radius=size[0])
-        elif part.tag == "cylinder":
-            size = _sizes(part, radius=1, length=1)
-            body = trimesh.creation.cylinder(radius=size[0], height=size[1], sections=32)
-        elif part.tag == "capsule":
-            size = _sizes(part, radius=1, length=1)
-            body = trimesh.creation.capsule(radius=size[0], height=size[1], count=(16, 32))
+        if part.tag in PRIMITIVES:
+            counts, create = PRIMITIVES[part.tag]
+            size = _sizes(part, **counts)
+            body = create(*size)
         elif part.tag == "mesh":
             path, package = mesh_path(part.get("filename", ""), folder)
             body, companions = read(path, package), tuple(Companions(path, package).paths.values())

@@ -8,8 +8,7 @@ from xml.parsers import expat
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import MARKS, read_file, without_mark
 
-MAX_BYTES, MAX_PARTS = 10 * 2**20, 1000
-"""Limits of a URDF file: its size; its number of links, joints and shapes."""
+MAX_BYTES, MAX_PARTS = 10 * 2**20, 1000  # limits of a URDF file: its size; its number of links, joints and shapes
 UNMARKED = {b"<\0": "utf-16-le", b"\0<": "utf-16-be"}
 """Encodings by the first bytes of a file without a byte-order mark."""
 DECLARATION = re.compile(rb"<\?xml\s[^>]*?encoding\s*=\s*[\"']([A-Za-z0-9._:-]+)[\"'][^>]*>")

@@ -19,4 +19,4 @@ def check_shape(name: str, array: Any, *expected: int | str) -> None:
     """Refuse an array or tensor whose shape is not the expected one, in which a letter stands for any size."""
     shape = tuple(array.shape)
     if len(shape) != len(expected) or any(isinstance(size, int) and size != actual for size, actual in zip(expected, shape, strict=True)):
-        raise ValueError(f"{name} has shape {shape}; it must be ({', '.join(map(str, expected))})")
+        raise ValueError(f"{name} of shape {shape} must be of shape ({', '.join(map(str, expected))})")

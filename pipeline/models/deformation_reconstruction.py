@@ -7,7 +7,7 @@ from torch import Tensor
 
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
-from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, SINGLE_IMAGE
+from pipeline.kernels.networks.network_configurations import NetworkConfig
 from pipeline.models.observation import NetworkBatch, Observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor
 
@@ -15,7 +15,7 @@ from pipeline.models.reconstruction import Reconstruction, Reconstructor
 class DeformationReconstructor(Reconstructor):
     """A trained deformation network, from its folder."""
 
-    configurations = CONFIGURATIONS
+    config_type = NetworkConfig
     network_type = DeformationNetwork
     has_charts = True
     network: DeformationNetwork
@@ -33,12 +33,6 @@ class DeformationReconstructor(Reconstructor):
             )
             for vertices, faces in assemble_surfaces(self.network, deformed, batch)
         ]
-
-
-class SingleImageReconstructor(DeformationReconstructor):
-    """A trained deformation network of a single rendering."""
-
-    configurations = {"single-image": SINGLE_IMAGE}  # noqa: RUF012
 
 
 def assemble_surfaces(

@@ -69,13 +69,13 @@ def family_of(configuration: str) -> str:
 
 def reconstructor_type(configuration: str) -> type[Reconstructor]:
     """Load what makes and uses a configuration's network; it needs torch, which the names of networks do not."""
-    from pipeline.models.deformation_reconstruction import DeformationReconstructor, SingleImageReconstructor
+    from pipeline.models.deformation_reconstruction import DeformationReconstructor
     from pipeline.models.implicit_reconstruction import ImplicitReconstructor
 
     types: Mapping[str, type[Reconstructor]] = {
         "gcn": DeformationReconstructor,
         "implicit": ImplicitReconstructor,
-        "": SingleImageReconstructor,
+        "": DeformationReconstructor,
     }
     return types[family_of(configuration)]
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.level_set import level_set_mesh
 from pipeline.kernels.networks.implicit_network import Encoding, ImplicitNetwork
-from pipeline.kernels.networks.network_configurations import IMPLICIT_CONFIGURATIONS
+from pipeline.kernels.networks.network_configurations import ImplicitConfig
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor
 
@@ -23,7 +23,7 @@ HALVINGS = 3
 class ImplicitReconstructor(Reconstructor):
     """A trained implicit network, from its folder."""
 
-    configurations = IMPLICIT_CONFIGURATIONS
+    config_type = ImplicitConfig
     network_type = ImplicitNetwork
     network: ImplicitNetwork
 

@@ -98,39 +98,24 @@ def stack_observations(
     """Stack observations as tensors of the device and type of `like`."""
     if not observations:
         raise ValueError("observations is empty; give at least one")
-    observations, images = [observation.scaled(config.centre) for observation in observations], None
+    observations, images, cameras = [observation.scaled(config.centre) for observation in observations], None, camera
     pictures = [observation.image for observation in observations if observation.image is not None]
     if config.image == "any" and 0 < len(pictures) < len(observations):
         blank, nowhere = np.zeros_like(pictures[0]), np.zeros((3, 4))
-        own_camera = nowhere if camera is None else camera.cpu().numpy()
-        observations = [
-            replace(observation, image=blank, camera=nowhere)
-            if observation.image is None
-            else replace(observation, camera=_first(observation.camera, own_camera))
-            for observation in observations
-        ]
-        pictures = [observation.image for observation in observations if observation.image is not None]
+        observations = [replace(seen, image=blank, camera=nowhere) if seen.image is None else seen for seen in observations]
+        pictures = [np.asarray(observation.image) for observation in observations]
     if config.image is not None and (pictures or config.image != "any"):
         if len(pictures) != len(observations) or len({picture.shape for picture in pictures}) != 1:
             raise InvalidInput(
                 "the network takes an image of each object, all of one size (render-vision.resolution); some are missing or differ"
             )
         if any(observation.camera is not None for observation in observations):
-            cameras = [
-                camera if observation.camera is None else torch.tensor(observation.camera, device=like.device)
-                for observation in observations
-            ]
-            camera = torch.stack([matrix for matrix in cameras if matrix is not None])
+            own = [camera if seen.camera is None else torch.tensor(seen.camera, device=like.device) for seen in observations]
+            cameras = torch.stack([matrix for matrix in own if matrix is not None])
         images = network_input(torch.from_numpy(np.stack(pictures)).to(like.device), like.dtype)
     if not config.touch or not any(len(observation.touched) for observation in observations):
         no_charts = like.new_zeros(0, config.side**2, 3)
-        return NetworkBatch(images, camera, no_charts, no_charts.new_zeros(0, dtype=torch.bool), [0] * len(observations))
-    touch_vertices = torch.from_numpy(
-        np.concatenate([observation.touch_vertices for observation in observations if len(observation.touched)])
-    ).to(like)
+        return NetworkBatch(images, cameras, no_charts, no_charts.new_zeros(0, dtype=torch.bool), [0] * len(observations))
+    charts = np.concatenate([observation.touch_vertices for observation in observations if len(observation.touched)])
     touched = torch.from_numpy(np.concatenate([observation.touched for observation in observations])).to(like.device)
-    return NetworkBatch(images, camera, touch_vertices, touched, [len(observation.touched) for observation in observations])
-
-
-def _first(camera: np.ndarray | None, default: np.ndarray) -> np.ndarray:
-    return default if camera is None else camera
+    return NetworkBatch(images, cameras, torch.from_numpy(charts).to(like), touched, [len(seen.touched) for seen in observations])

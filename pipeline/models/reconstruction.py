@@ -2,7 +2,7 @@
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -98,13 +98,12 @@ class Trained(BaseModel):
 class Reconstructor(ABC):
     """A trained network, from its folder; each subclass is a family, registered in `pipeline/models/families.py`."""
 
-    configurations: ClassVar[Mapping[str, NetworkInputs]]  # the family's networks by name
+    config_type: ClassVar[type[NetworkInputs]]  # describes the family's networks
     network_type: ClassVar[type[nn.Module]]  # called as `network_type(configuration, generator)`
     has_charts: ClassVar[bool] = False  # deforms vision charts; else it makes meshes of its own
 
     def __init__(self, folder: Path, device: torch.device | str = "cpu") -> None:
-        config_type = type(next(iter(self.configurations.values())))
-        self.trained = read_description(folder, create_model("Trained", __base__=Trained, network=config_type))
+        self.trained = read_description(folder, create_model("Trained", __base__=Trained, network=self.config_type))
         self.network = load_network(folder, lambda: self.network_type(self.trained.network), device)
 
     @property
@@ -178,10 +177,10 @@ def close_reconstruction(
     reconstruction: Reconstruction,
     resolution: int = RESOLUTION,  # edges along the longest side of the surface's box, 64 or more
     observation: Observation | None = None,  # gives an implicit network's touch charts
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:  # vertices (V, 3) m, faces (F, 3)
+) -> tuple[NDArray[np.float64], NDArray[np.integer]]:  # vertices (V, 3) m, faces (F, 3)
     """Make one closed, smooth mesh of a reconstruction, through the vertices of touch charts; see `closed_surface`."""
     _, faces = chart_square(reconstruction.side)
     charts = reconstruction.vertices[reconstruction.vision :] if observation is None else observation.touch_vertices[observation.touched]
-    return closed_surface(
-        *join_vision_charts(reconstruction), charts.reshape(-1, reconstruction.side**2, 3), faces.numpy(), resolution=resolution
-    )
+    charts = charts.reshape(-1, reconstruction.side**2, 3)
+    vertices, closed_faces = closed_surface(*join_vision_charts(reconstruction), charts, faces.numpy(), resolution=resolution)
+    return vertices, np.asarray(closed_faces, np.int64)

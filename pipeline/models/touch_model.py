@@ -63,19 +63,16 @@ def save_touch_model(
 def load_touch_model(folder: Path, device: torch.device | str) -> "TouchModel":
     """Load the network that `train-unet` or `train-touch` saved in `folder`; raise a `StoreError` if it is missing."""
     description = read_description(folder, _Description)
-    kind = LocalNetwork if description.network == "local" else UNet
-    network: nn.Module = load_network(folder, lambda: kind(description.width), device)
     try:
         untouched = read_image(folder / UNTOUCHED)
     except InvalidInput as error:
         raise unusable(folder, error) from error
     if untouched.shape[:2] != description.sensor.shape:
         raise unusable(folder, f"{UNTOUCHED} has {untouched.shape[:2]} pixels, its sensor {description.sensor.shape}")
-    if isinstance(network, LocalNetwork):
-        return LocalTouchModel(network, description.sensor, untouched)
-    assert isinstance(network, UNet)
-    assert description.mask_threshold is not None
-    return UnetTouchModel(network, description.sensor, untouched, description.mask_threshold)
+    if description.mask_threshold is None:
+        return LocalTouchModel(load_network(folder, lambda: LocalNetwork(description.width), device), description.sensor, untouched)
+    unet = load_network(folder, lambda: UNet(description.width), device)
+    return UnetTouchModel(unet, description.sensor, untouched, description.mask_threshold)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,6 @@ finally:
     os.close(_null)
 
 __all__ = ["PhysicsClient", "pybullet"]
-
 FACES_PER_SHAPE = 131_072 // 3
 """PyBullet refuses shapes of more than 131,072 vertices, and every face may have three of its own: larger meshes become several."""
 COLLISION_MARGIN = 5e-4

@@ -14,16 +14,13 @@ from pipeline.physics.client import PhysicsClient, pybullet
 
 MOTOR_GAIN = 0.3
 """Share of the remaining distance that a position motor covers in one step: it closes 0.3 rad to within 1e-4 in about 25 steps."""
-GEAR_FORCE = 1000.0
-"""N m (N), with which a joint is held to its leader: as rigid as a gear."""
+GEAR_FORCE = 1000.0  # N m (N), with which a joint is held to its leader: as rigid as a gear
 GEAR_ERP, CHAIN_ERP = 0.5, 5.0
 """Correction of a gear's error, of which Bullet takes a fifth per step: between two branches; and in one chain, all of it at once.
 
 At a tenth per step, a joint that follows one further up its own finger sags under its links' weight by more than `GEAR_SLACK`."""
-HULL_MARGIN = 0.001
-"""m by which Bullet thickens the convex shapes of a URDF."""
-GEAR_SLACK = 0.01
-"""rad by which a following joint may be off when the fingers rest: 0.5 mm at the end of 50 mm."""
+HULL_MARGIN = 0.001  # m by which Bullet thickens the convex shapes of a URDF
+GEAR_SLACK = 0.01  # rad by which a following joint may be off when the fingers rest: 0.5 mm at the end of 50 mm
 SLIDE = 10.0
 """rad/m, by which motions of prismatic joints are compared with rotations: a point 0.1 m from the axis moves as far."""
 

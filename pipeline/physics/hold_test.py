@@ -19,20 +19,16 @@ from pipeline.physics.hand_urdf import GEL_MASS, gel_name, write_hand_urdf
 from pipeline.physics.motion import WITHIN, Motion, Track
 from pipeline.store.temporary import temporary_folder
 
-GRAVITY = -9.81
-"""m/s², along the world's z."""
+GRAVITY = -9.81  # m/s², along the world's z
 DOWN = (0.0, 0.0, GRAVITY)
 HOLD_TESTS = {"lift": (DOWN,), "six": tuple(tuple((sign * axis).tolist()) for axis in GRAVITY * np.eye(3) for sign in (1, -1))}
 """Accelerations under which an object must stay, one after the other, m/s²: its weight, or that along -x, +x, -y, +y, -z and +z."""
 STEPS_PER_SECOND = 240
-LOCK_FORCE = 1000.0
-"""N that hold the plate of a gel without contact where it is drawn in."""
-
+LOCK_FORCE = 1000.0  # N that hold the plate of a gel without contact where it is drawn in
 GEL_MODULUS = 1e5
 """Pa, Young's modulus of a gel whose sensor file gives none: soft silicone. Pressed in by 2 mm over 60 mm², a gel of 7 mm presses back
 with 2 N."""
-DAMPING = 0.25
-"""Damping of a gel's spring, as a share of the critical damping."""
+DAMPING = 0.25  # damping of a gel's spring, as a share of the critical damping
 OVERLAP = 1e-4
 """m by which a plate starts in the object: engines find no contact between two flat faces that only meet, and the spring would drive one
 into the other by 3 mm in its first step."""

@@ -11,10 +11,8 @@ from pipeline.physics.hand_urdf import write_hand_urdf
 from pipeline.physics.hold_test import DOWN
 from pipeline.store.temporary import temporary_folder
 
-MIN_STEPS = 20
-"""Steps before a hand can count as resting: it starts at rest."""
-CHECK_EVERY = 10
-"""Steps between two samples of the joints."""
+MIN_STEPS = 20  # steps before a hand can count as resting: it starts at rest
+CHECK_EVERY = 10  # steps between two samples of the joints
 
 
 class Simulation(AbstractContextManager["Simulation"]):

@@ -1,9 +1,9 @@
 """Read depth, contact, normals and points in photographs with a sensor's network, and write them to files."""
 
-from __future__ import annotations
-
 import io
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from PIL import Image
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
+from pipeline.formats.image_file import SUFFIXES, image_files
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.photograph_alteration import rim_change
@@ -41,24 +42,13 @@ REMEDY = "train one with `vt-pipeline calibrate-sensor --train` or `vt-pipeline 
 
 @dataclass(frozen=True, eq=False)
 class TouchReading:
-    """Depth and contact that are read in a photograph.
+    """Depth and contact that are read in a photograph."""
 
-    Attributes
-    ----------
-    indentation
-        (rows, cols) float32, m, >= 0: how deep the gel's surface lies below its rest.
-    contact
-        (rows, cols): where something touches.
-    sensor
-        With the photograph's pixels.
-    rim_pressed
-        Whether the photograph shows a press at the rim, where depth is taken to be 0: the gel lies deeper everywhere than is read, as it
-        does when something tilts all of it.
-    """
-
-    indentation: NDArray[np.float32]
-    contact: NDArray[np.bool_]
-    sensor: Sensor
+    indentation: NDArray[np.float32]  # (rows, cols) m, >= 0: how deep the gel's surface lies below its rest
+    contact: NDArray[np.bool_]  # (rows, cols): where something touches
+    sensor: Sensor  # with the photograph's pixels
+    # whether the photograph shows a press at the rim, where depth is taken to be 0: the gel lies deeper everywhere than is read, as it does
+    # when something tilts all of it
     rim_pressed: bool
 
     @property
@@ -81,41 +71,17 @@ class TouchReading:
 class TouchReader:
     """Reads photographs of one sensor with its network.
 
-    Parameters
-    ----------
-    sensor
-        A sensor file, or the name of a shipped one: its sides and its gel are taken from it.
-    untouched
-        (rows, cols, 3) uint8, the photograph with nothing in the gel; the others have its pixels.
-    model
-        A network of `train-touch`, DATA/models/touch, or the folder of one of `calibrate-sensor --train`; by default `NAME-touch` beside
-        the sensor file, else the network that ships for the sensor. Either must have been trained for the sensor as its file describes
-        it, but for its pixels and its gel's modulus.
-    device
-        Where the network computes.
-    accept_photographs
-        Whether to read photographs that look altered as a whole, which is an error otherwise: by exchanged colours, turned, mirrored,
-        grey, with another exposure, white balance, contrast or hue, of another sensor, or touched and untouched exchanged.
-
-    Attributes
-    ----------
-    network
-        Names the network, for messages.
-
-    Raises
-    ------
-    InvalidInput
-        There is no such sensor, it has no network, or one of another sensor; the network is a U-Net; or the photograph has not the
-        sensor's sides, or looks altered beside the background of the sensor file.
-    StoreError
-        The network's files are damaged.
+    By default that is `NAME-touch` beside the sensor file, else the pretrained network for the sensor. Either must have been trained for
+    the sensor as its file describes it, but for its pixels and its gel's modulus. Photographs that look altered as a whole are errors
+    unless `accept_photographs`: by exchanged colours, turned, mirrored, grey, with another exposure, white balance, contrast or hue, of
+    another sensor, or touched and untouched exchanged.
     """
 
     def __init__(
         self,
-        sensor: str | Path,
-        untouched: NDArray[np.uint8],
-        model: Path | None = None,
+        sensor: str | Path,  # a sensor file, or the name of a built-in one: gives sides and gel
+        untouched: NDArray[np.uint8],  # (rows, cols, 3), the photograph with nothing in the gel; the others have its pixels
+        model: Path | None = None,  # a network of `train-touch`, DATA/models/touch, or the folder of one of `calibrate-sensor --train`
         device: str = "cpu",
         *,
         accept_photographs: bool = False,
@@ -132,7 +98,7 @@ class TouchReader:
         loaded = load_touch_model(folder, device)
         if not isinstance(loaded, LocalTouchModel):
             raise InvalidInput(f"{folder} holds a U-Net, which reads simulated images; photographs are read by a network of `train-touch`")
-        self.network = f"the network that ships for {described.name}" if folder == shipped else str(folder)
+        self.network = f"the pretrained network for {described.name}" if folder == shipped else str(folder)
         if model is None and (differing := sensor_differences(loaded.sensor, described, but_for=SAME_IMAGES)):
             raise InvalidInput(
                 f"{self.network} was trained for another sensor than {path} describes: {', '.join(differing)} differ; {REMEDY}, or name "
@@ -160,12 +126,10 @@ class TouchReader:
 
 
 def write_reading(reading: TouchReading, folder: Path, name: str) -> list[Path]:
-    """Write a reading into a folder, which is made where it is missing: PNG files, a point cloud, and arrays of `ZARR`.
+    """Write a reading into a folder, which is made where it is missing; return the files and the group of `ZARR`.
 
-    Returns
-    -------
     `NAME-depth.png`, 16 bits, `PNG_STEP` m per level; `NAME-contact.png`, 255 in the contact; `NAME-normals.png`, (n + 1) / 2 as colours;
-    `NAME.ply`, points in the contact with normals, m; and the group.
+    `NAME.ply`, points in the contact with normals, m.
     """
     folder.mkdir(parents=True, exist_ok=True)
     normals = reading.normals
@@ -200,3 +164,40 @@ def _ply(points: NDArray[np.float64], normals: NDArray[np.float32]) -> bytes:
     header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
     header += "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz")) + "end_header\n"
     return header.encode() + np.concatenate([points, normals], axis=1).astype("<f4").tobytes()
+
+
+def photographs_of(
+    path: Path,  # a photograph, or a folder of them
+    untouched: Path,  # not listed
+) -> list[Path]:
+    """List photographs in the order of their names; an `InvalidInput` if there are none, or two would give output of the same name."""
+    if path.is_file():
+        return [path]
+    if not path.is_dir():
+        raise InvalidInput(f"{path} does not exist; give a photograph, or a folder of them")
+    files = image_files(path.iterdir(), untouched)
+    if not files:
+        raise InvalidInput(f"{path} holds no photographs besides the untouched one: files that end in {', '.join(SUFFIXES)}")
+    for first, second in pairwise(sorted(files, key=lambda file: file.stem)):
+        if first.stem == second.stem:
+            raise InvalidInput(f"{first} and {second} have one name but for the suffix; rename one of them")
+    return files
+
+
+def camera_frames(number: int) -> Iterator[NDArray[np.uint8]]:
+    """Yield the frames, (rows, cols, 3), of a camera that OpenCV opens, until it gives no more."""
+    try:
+        import cv2
+    except ImportError as error:
+        raise InvalidInput("a camera needs OpenCV; `pip install -c constraints.txt -e '.[camera]'` installs it (50 MB)") from error
+    capture: Any = cv2.VideoCapture(number)
+    try:
+        if not capture.isOpened():
+            raise InvalidInput(f"OpenCV opens no camera {number}; is another program using it, or its number another one?")
+        while True:
+            received, frame = capture.read()
+            if not received:
+                return
+            yield np.ascontiguousarray(frame[:, :, ::-1])  # BGR
+    finally:
+        capture.release()

@@ -1,7 +1,5 @@
 """Train the network of one sensor from its file alone: random presses in memory, and no dataset."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -24,25 +22,13 @@ object where thicker ones only sink beside it, and contact would become ambiguou
 
 
 def train_sensor_network(
-    sensor: Sensor, *, seed: int = 0, presses: int = PRESSES, settings: TouchTrainingSettings | None = None
-) -> tuple[LocalTouchModel, dict[str, Any]]:
-    """Train a local network to read a sensor's photographs.
-
-    Parameters
-    ----------
-    sensor
-        From `load_sensor`, or from `calibrate-sensor`.
-    seed
-        Of presses and training.
-    presses
-        How many to learn from.
-    settings
-        Of the training; by default those of `train-touch`, for `STEPS` steps.
-
-    Returns
-    -------
-    The model, and facts about the training.
-    """
+    sensor: Sensor,
+    *,
+    seed: int = 0,  # of presses and training
+    presses: int = PRESSES,  # to learn from
+    settings: TouchTrainingSettings | None = None,  # by default those of `train-touch`, for `STEPS` steps
+) -> tuple[LocalTouchModel, dict[str, Any]]:  # and facts about the training
+    """Train a local network to read a sensor's photographs."""
     if settings is None:
         settings = TouchTrainingSettings()
         settings = settings.model_copy(update={"epochs": max(1, round(STEPS * settings.batch_size / presses))})

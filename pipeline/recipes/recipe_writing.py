@@ -6,7 +6,7 @@ from typing import Any
 
 from pipeline.config.folder_sources import Catalogue, Directory, ShapeNet
 from pipeline.config.manifest import Manifest, Object, load_manifest
-from pipeline.config.objects import fingerprint
+from pipeline.config.sources import fingerprint
 from pipeline.console import abbreviate
 from pipeline.engine import keys
 from pipeline.engine.make import plans

@@ -9,8 +9,7 @@ from typing import Any
 from pydantic import JsonValue, ValidationError
 
 from pipeline.config.manifest import Manifest, Object
-from pipeline.config.presets import load_presets
-from pipeline.config.settings import Settings
+from pipeline.config.settings import Settings, load_presets
 from pipeline.console import NAMED, abbreviate, pluralise
 from pipeline.engine import keys
 from pipeline.engine.executor import Executor, Serial

@@ -1,11 +1,10 @@
-"""The demo: an object that no training saw is grasped once, seen once, and reconstructed by the weights that ship."""
-
-from __future__ import annotations
+"""The demo: an object that no training saw is grasped once, seen once, and reconstructed by the pretrained networks."""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,6 @@ from PIL import Image
 from rich.console import Console
 
 from pipeline.config.manifest import load_manifest
-from pipeline.config.objects import Object
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.drawing.views import fitted_camera
@@ -33,7 +31,7 @@ from stages.registry import DATASET, load_stage, resolve
 from stages.render_vision.renderer import Renderer
 
 MANIFEST, OBJECT = "toy", "bottle-0001"
-"""An object of a class that the shipped weights know, which is not in their training set."""
+"""An object of a class that the pretrained networks know, which is not in their training set."""
 SETTINGS = ("simulate-grasps.grasps=1",)
 FRAMES, PIXELS, MILLISECONDS = 36, 256, 80
 """Of the turntable: pictures of a turn, pixels per side of each mesh, and time per picture."""
@@ -41,45 +39,28 @@ GREY = (150, 170, 190)
 """Colour of what the image does not show."""
 
 
-@dataclass(frozen=True)
-class Demo:
-    """Hold the results of a demo.
+class Demo(NamedTuple):
+    """The results of a demo."""
 
-    Attributes
-    ----------
-    mesh, turntable, image
-        Files: the closed mesh, an animation of the object beside it, and the image that the network was given.
-    prediction
-        The reconstruction.
-    distance
-        Mean distance between reconstruction and object, m.
-    seconds
-        Duration of the reconstruction, without the simulation and the pictures.
-    """
-
-    mesh: Path
-    turntable: Path
-    image: Path
+    mesh: Path  # of the closed mesh
+    turntable: Path  # an animation of the object beside it
+    image: Path  # the image that the network was given
     prediction: Prediction
-    distance: float
-    seconds: float
+    distance: float  # mean distance between reconstruction and object, m
+    seconds: float  # of the reconstruction, without the simulation and the pictures
 
 
 def demo(folder: Path, console: Console) -> Demo:
     """Simulate a grasp of a bottle, reconstruct it from one image and the touches of that grasp, and draw it beside the object.
 
     The folder gets the mesh, the pictures and, below `data`, the simulated grasp.
-
-    Raises
-    ------
-    StageError
-        No weights ship with this version, or the folder holds another dataset.
     """
     models, data = shipped_models(), folder / "data"
     if other_objects := set(DataDirectory(data).collection(SURFACES)) - {OBJECT}:
         raise StageError(f"{data} holds another dataset, of {min(other_objects)} and so on; name another folder")
     item = next(item for item in load_manifest(MANIFEST).objects() if item.object_id == OBJECT)
-    simulate(item, data, console)
+    for name in DATASET:
+        make(Request(load_stage(name), resolve(name, "draft", SETTINGS), MANIFEST, [item], "draft", 0, data), console)
     mesh, turntable, image_path = folder / f"{OBJECT}.glb", folder / "turntable.webp", folder / "seen.png"
     began = time.perf_counter()
     prediction = predict(mesh, StoredGrasps(data, OBJECT), PredictOptions(models, DEFAULT), "closed")
@@ -92,12 +73,6 @@ def demo(folder: Path, console: Console) -> Demo:
     drawn, _ = sample_triangles(prediction.closed.vertices[prediction.closed.faces], len(points), np.random.default_rng(0))
     mean_distance = cloud_distances(drawn, points).mean_distance
     return Demo(mesh, turntable, image_path, prediction, mean_distance, seconds)
-
-
-def simulate(item: Object, data: Path, console: Console) -> None:
-    """Make the dataset of one object and one grasp."""
-    for name in DATASET:
-        make(Request(load_stage(name), resolve(name, "draft", SETTINGS), MANIFEST, [item], "draft", 0, data), console)
 
 
 def reconstructed_mesh(prediction: Prediction) -> Mesh:

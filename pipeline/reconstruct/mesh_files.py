@@ -29,12 +29,12 @@ class ClosedMesh:
     """The closed mesh of a reconstruction, coloured where an image shows it."""
 
     vertices: NDArray[np.float64]  # (V, 3), in the frame and unit of the reconstruction
-    faces: NDArray[np.int64]  # (F, 3), normals outwards
+    faces: NDArray[np.integer]  # (F, 3), normals outwards
     colors: NDArray[np.uint8]  # (V, 3) sRGB, from the image
     seen: NDArray[np.bool_]  # (V,): whether the image shows the vertex; the others have no colour
 
     @classmethod
-    def grey(cls, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Self:
+    def grey(cls, vertices: NDArray[np.float64], faces: NDArray[np.integer]) -> Self:
         """Make a closed mesh of which no image shows anything."""
         return cls(vertices, faces, np.zeros((len(vertices), 3), np.uint8), np.zeros(len(vertices), bool))
 

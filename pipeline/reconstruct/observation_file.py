@@ -238,7 +238,7 @@ def read_observation(path: Path) -> tuple[RobotObservation | None, str, set[str]
     invalid = {str(place[0]) for place in places if place}
     if not isinstance(entries, dict) or () in places:
         return None, text, invalid
-    removed = {place[0] for place in places if len(place) == 1}
+    removed = {str(place[0]) for place in places if len(place) == 1}
     if "sensor" in removed:  # without it no touch is valid
         removed.add("touches")
     usable = {name: value for name, value in entries.items() if name not in removed}

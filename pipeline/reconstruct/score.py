@@ -1,6 +1,4 @@
-"""Score another method's mesh files or point clouds, and the network that ships, as a data directory's own networks are."""
-
-from __future__ import annotations
+"""Score another method's mesh files or point clouds, and the pretrained network, as a data directory's own networks are."""
 
 import hashlib
 import re
@@ -11,8 +9,7 @@ from typing import Any
 from rich.console import Console
 
 from pipeline.config.manifest import load_manifest
-from pipeline.config.objects import Object
-from pipeline.config.sources import identity
+from pipeline.config.sources import Object, identity
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.make import make
 from pipeline.engine.plan import Request
@@ -35,35 +32,18 @@ from stages.evaluate.shipped import EvaluateShipped, ShippedSettings, fitting_ro
 from stages.evaluate.stage import GraspMeasuringSettings
 
 
-def score(folder: Path, data: Location, console: Console, *, name: str | None = None, grasps: int = 1, misplaced: bool = False) -> str:
+def score(
+    folder: Path,  # OBJECT.SUFFIX of each test object, m, world frame: meshes or point clouds; perhaps folders grasps-N, grasps-N-from-K
+    data: Location,
+    console: Console,
+    *,
+    name: str | None = None,  # of the method; by default, the folder's
+    grasps: int = 1,  # that the files in the folder itself were made from
+    misplaced: bool = False,  # measure reconstructions too that are far from their object, or of quite another size
+) -> str:  # the folder of the figures, below the data directory
     """Measure a folder's reconstructions of the test objects as `evaluate` measures networks, into DATA/scores/NAME.
 
-    Parameters
-    ----------
-    folder
-        Holds OBJECT.SUFFIX of each test object, metres, world frame: meshes or point clouds. Folders `grasps-N` in it hold
-        reconstructions from N grasps, `grasps-N-from-K` those from grasps K, K + 1, ….
-    data
-        A data directory. Where its networks were evaluated, the settings and the seed are those of that evaluation.
-    console
-        Shows progress.
-    name
-        Of the method; by default, the folder's.
-    grasps
-        That the files in the folder itself were made from.
-    misplaced
-        Whether to measure reconstructions too that are far from their object, or of quite another size.
-
-    Returns
-    -------
-    The name of the folder.
-
-    Raises
-    ------
-    InvalidInput
-        Files are missing, unreadable or misplaced: each is named.
-    StoreError
-        There is no dataset, or something of it is out of date.
+    Where the networks of the data directory were evaluated, the settings and the seed are those of that evaluation.
     """
     if not folder.is_dir():
         raise InvalidInput(f"{folder} is no folder; name one with a file per test object, OBJECT with a suffix of {', '.join(SUFFIXES)}")
@@ -71,7 +51,7 @@ def score(folder: Path, data: Location, console: Console, *, name: str | None = 
     if not re.fullmatch(METHOD_NAME, name):
         raise InvalidInput(f"{name!r} cannot be a method's name; give one with --name, of letters, digits, '.', '_' and '-', at most 100")
     if f"scores/{name}" == SHIPPED_SCORES:
-        raise InvalidInput(f"--name {name}: that is the network that ships, which `report --shipped` measures; choose another name")
+        raise InvalidInput(f"--name {name}: that is the pretrained network, which `report --shipped` measures; choose another name")
     directory = DataDirectory(data)
     inputs = [artifact for artifact in (TOUCH, VISION) if directory.collection(artifact).shards]
     settings = ScoreSettings(**_settings(directory), method=name, files=files_digest(folder), given=grasps, misplaced=misplaced)
@@ -90,18 +70,9 @@ def files_digest(folder: Path) -> str:
 
 
 def score_shipped(data: Location, console: Console) -> list[str]:
-    """Measure the network that ships on the test objects as `evaluate` measures networks, into DATA/scores/shipped.
+    """Measure the pretrained network on the test objects as `evaluate` measures networks, into DATA/scores/shipped.
 
-    Returns
-    -------
-    The inputs that it was not given, and why.
-
-    Raises
-    ------
-    StageError
-        No network ships with this version.
-    StoreError
-        There is no dataset, or something of it is out of date.
+    Returns the inputs that it was not given, and why.
     """
     directory = DataDirectory(data)
     surfaces = directory.collection(SURFACES)
@@ -120,7 +91,7 @@ def score_shipped(data: Location, console: Console) -> list[str]:
 
 
 def _learned_from(directory: DataDirectory) -> tuple[str, ...]:
-    """Name the test objects that the network that ships has learned from."""
+    """Name the test objects that the pretrained network has learned from."""
     if not directory.collection(SURFACES).first.has("source_file"):  # older datasets
         return ()
     manifests = map(load_manifest, read_card(DEFAULT).learned_from)

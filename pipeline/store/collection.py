@@ -68,11 +68,7 @@ class Collection:
 
     @cached_property
     def first(self) -> Shard:
-        """Return the first shard with a row: others lack sizes.
-
-        Settings, attributes and constants are the same in all shards: a `StoreError` says that they differ, or that
-        none is published.
-        """
+        """Return the first shard with a row: others lack sizes.; settings, attributes and constants are the same in all."""
         if not self.shards:
             raise StoreError(self._not_made)
         self.check_alike()
@@ -80,23 +76,19 @@ class Collection:
 
     def check_alike(self) -> None:
         """Raise a `StoreError` if shards differ in settings, seed, models or constants: they do not belong together."""
-        for shard in self.shards[1:]:
-            self._refuse_difference(self.shards[0].record, shard.record)
-
-    def _refuse_difference(self, one: ShardRecord, other: ShardRecord) -> None:
-        """Refuse two shards that do not belong together."""
-        remedy = f"run `vt-pipeline run {one.stage}` for all shards"
-        if (one.settings, one.seed, one.models) != (other.settings, other.seed, other.models):
-            made, made_otherwise = _made_with(one), _made_with(other)
-            names = [name for name in {**made, **made_otherwise} if made.get(name) != made_otherwise.get(name)]
-            differences = [f"{name} {made.get(name, 'unset')} and {made_otherwise.get(name, 'unset')}" for name in names]
-            first_shard, other_shard = (record.location.rpartition("-")[0] for record in (one, other))
-            raise StoreError(
-                f"{self.folder}: its shards {first_shard} and {other_shard} were made with different settings ({'; '.join(differences)}); "
-                f"{remedy} with the same --preset, --set and --seed"
-            )
-        if one.constants_digest != other.constants_digest:
-            raise StoreError(f"{self.folder} has shards of different scenes or sensors; {remedy}")
+        for other in (shard.record for shard in self.shards[1:]):
+            first = self.shards[0].record
+            remedy = f"run `vt-pipeline run {first.stage}` for all shards"
+            made, made_otherwise = _made_with(first), _made_with(other)
+            if names := [name for name in {**made, **made_otherwise} if made.get(name) != made_otherwise.get(name)]:
+                differences = [f"{name} {made.get(name, 'unset')} and {made_otherwise.get(name, 'unset')}" for name in names]
+                numbers = " and ".join(record.location.rpartition("-")[0] for record in (first, other))
+                raise StoreError(
+                    f"{self.folder}: its shards {numbers} were made with different settings ({'; '.join(differences)}); "
+                    f"{remedy} with the same --preset, --set and --seed"
+                )
+            if first.constants_digest != other.constants_digest:
+                raise StoreError(f"{self.folder} has shards of different scenes or sensors; {remedy}")
 
     def processors(self) -> Counter[str]:
         """Count the rows by the kind of processor that computed them."""

@@ -3,6 +3,7 @@
 import fnmatch
 import hashlib
 import re
+import shlex
 from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -39,7 +40,7 @@ class DatasetDescription(Stored):
 
 
 class DataDirectory:
-    """A data directory; each artifact is read when it is first used.
+    """A data directory. Each artifact is read when it is first used.
 
     `ARTIFACT/NNNN-of-NNNN.json` are the records of shards, `NAME.json` that of the folder `NAME`; the groups and folders that they
     name lie beside them, unfinished ones in `.work`.
@@ -73,15 +74,12 @@ class DataDirectory:
         return shards
 
     def check_shard_count(self, count: int | None) -> int:
-        """Return the dataset's number of shards; before the first run the requested one, or 1.
-
-        Raise a `StoreError` if the dataset has another number than requested.
-        """
+        """Return the dataset's number of shards; before the first run the requested one, or 1. Refuse another number than requested."""
         current = self.shards()
         if current is not None and count not in (None, current):
             raise StoreError(
                 f"{self.root} is split into {pluralise(current, 'shard')}, {count} were asked for; leave --shards (make: SHARDS=) out, "
-                "or make the dataset again in another folder (--data, make: DATA=)"
+                f"or make the dataset in another folder: --data FOLDER --reuse {shlex.quote(str(self.root))} copies its rows"
             )
         return current or count or 1
 
@@ -107,8 +105,7 @@ class DataDirectory:
         if artifact.name not in self._collections:
             folder, shards = self.root / artifact.name, self.shards()
             paths = [path for path in self.shard_records(artifact.name) if has_shard_count(path, shards)]
-            read_one = partial(read_record, kind=ShardRecord)
-            records = list(map(read_one, paths)) if isinstance(folder, Path) else map_in_threads(read_one, paths)
+            records = map_in_threads(partial(read_record, kind=ShardRecord), paths)
             self._collections[artifact.name] = Collection(folder, artifact, [Shard(folder, artifact, record) for record in records])
         return self._collections[artifact.name]
 
@@ -149,21 +146,19 @@ class DataDirectory:
         """Return the path of the folder that a record names."""
         return (self.root / name).with_name(self.folder(name).location)
 
-    def folder_problems(self, name: str) -> Iterator[str]:
-        """Compare the files of a folder with its record; yield a line for each that differs."""
-        folder = self.folder_path(name)
-        return _differences(name, self.folder(name), folder, folder)
+    def folder_problems(self, name: str, local: Path | None = None) -> Iterator[str]:
+        """Compare the files of a folder, or of its local copy, with its record; yield a line for each that differs."""
+        record, folder = self.folder(name), self.folder_path(name)
+        for file, problem in changed_files(local or folder, record.files).items():
+            yield f"{file} {problem}; delete {folder} and run {made_by(name, record)} again"
 
     def verified_folder(self, name: str) -> Path:
-        """Return the folder that a record names, or a local copy if it is in object storage.
-
-        Raise a `StoreError` if one of its files is missing or was changed.
-        """
+        """Return the folder that a record names, or a local copy if it is in object storage; refuse missing or changed files."""
         record, folder = self.folder(name), self.folder_path(name)
         local = folder if isinstance(folder, Path) else cache_of(folder)
         if local != folder and changed_files(local, record.files):
             copy(folder, local, files_below(folder).keys() & record.files)
-        if problem := next(_differences(name, record, local, folder), None):
+        if problem := next(self.folder_problems(name, local), None):
             raise StoreError(f"{folder}: {problem}")
         return local
 
@@ -171,20 +166,10 @@ class DataDirectory:
         """Return the work folder of an artifact or folder."""
         return self.root / WORK / name
 
-    def shard_lock(self, artifact: str, number: int, shards: int) -> Location:
-        """Return the path of the lock that a run holds while it makes a shard."""
-        return self.work(artifact) / f"{shard_name(number, shards)}.lock"
-
 
 def made_by(name: str, record: FolderRecord) -> str:
     """Name what makes a folder: the stage in its record, or the command for scores, whose stage cannot be run alone."""
     return maker_of(name) if name.startswith("scores/") else record.stage
-
-
-def _differences(name: str, record: FolderRecord, checked: Location, folder: Location) -> Iterator[str]:
-    """Compare the files of a folder, or of its local copy, with its record; yield a line for each that differs."""
-    for file, problem in changed_files(checked, record.files).items():
-        yield f"{file} {problem}; delete {folder} and run {made_by(name, record)} again"
 
 
 def changed_files(folder: Location, files: Mapping[str, str]) -> dict[str, str]:

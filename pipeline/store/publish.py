@@ -55,9 +55,6 @@ def write_group(
 
     At most `OBJECTS_PER_FILE` encoded rows are held at a time. Files without chunks are written too: one that is
     missing later was lost.
-
-    A `StoreError` says that two objects disagree in the shape of an array, only some have it, or the group departs from
-    its schema.
     """
     shutil.rmtree(path, ignore_errors=True)
     group_shapes = _group_shapes(artifact, rows, shapes, constants)
@@ -178,7 +175,7 @@ class ShardOutput:
         self.directory, self.artifact, self.shards, self.name = directory, artifact, shards, shard_name(number, shards)
         self.path, self.work = directory.root / artifact.name / self.name, directory.work(artifact.name)
         self.record_path = directory.shard_record(artifact.name, number, shards)
-        self.lock = directory.shard_lock(artifact.name, number, shards)
+        self.lock = self.work / f"{self.name}.lock"
         self.rows = RowFiles(self.work, artifact)
         self.refresh()
 
@@ -206,11 +203,7 @@ class ShardOutput:
         constants: Row,
         attributes: Mapping[str, Any],
     ) -> Location:
-        """Write the group of the record's rows, and publish the record with the group's name; return the group's path.
-
-        Parameters are those of `write_group`, except `record`, whose location is filled in. In object storage, a
-        `StoreError` says that another run has published meanwhile.
-        """
+        """Write the group of the record's rows, and publish the record with the group's name; return the group's path."""
         location = versioned(self.name, [record.key, [row.digest for row in record.rows]]) + ".zarr"
         path, version = self.path.with_name(location), version_of(self.record_path)
         with local_copy(self.work, begin=False) as work:
@@ -225,11 +218,7 @@ class ShardOutput:
 
 
 class FolderOutput:
-    """A folder that a dataset stage fills: its paths and its published version.
-
-    `path` has no version in its name; a run holds `lock` while it fills the folder; `record` is None if none is
-    published.
-    """
+    """A folder that a dataset stage fills: its paths and its published version, as of a shard."""
 
     def __init__(self, directory: DataDirectory, name: str) -> None:
         self.directory, self.path, self.work = directory, directory.root / name, directory.work(name)
@@ -256,10 +245,7 @@ class FolderOutput:
         return self.record_path.with_name(versioned(self.record_path.stem, [record.key, record.files]))
 
     def commit(self, filled: Path, record: FolderRecord) -> Location:
-        """Move a finished folder to its versioned name, unless a killed run has; publish its record, return its path.
-
-        In object storage, a `StoreError` says that another run has published something meanwhile.
-        """
+        """Move a finished folder to its versioned name, unless a killed run has; publish its record, return its path."""
         path, version = self.target(record), version_of(self.record_path)
         unmoved = filled if record.files.keys() <= files_below(filled).keys() else None
         _publish(self.directory, unmoved, path, self.record_path, record, {"location": path.name}, version)

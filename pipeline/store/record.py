@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pipeline.console import CONTROLS
-from pipeline.errors import StoreError, first_line
+from pipeline.errors import OtherVersion, StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.storage import Location, read_bytes
 
@@ -119,10 +119,7 @@ R = TypeVar("R", bound=Provenance)
 
 
 def processor_kind(processor: Mapping[str, Any]) -> str:
-    """Name the properties of a processor that results may depend on: model, machine, and the instruction sets that numpy uses.
-
-    Those that torch uses follow from these, and not every process knows them.
-    """
+    """Name the properties of a processor that results may depend on: model, machine, and the instruction sets that numpy uses."""
     sets = processor.get("numpy")
     return f"{processor.get('model')}, {processor.get('machine')}, {' '.join(map(str, sets)) if isinstance(sets, list) else sets}"
 
@@ -134,10 +131,7 @@ def serialise_with_checksum(record: Provenance) -> bytes:
 
 
 def read_record(path: Location, kind: type[R], maker: str = "the stage that makes it") -> R:
-    """Read a record of a type; `maker` is what the error message says to run if there is none.
-
-    Raise a `StoreError` if there is none, it is damaged, or another version of this project wrote it.
-    """
+    """Read a record of a type; `maker` is what the error message says to run if there is none."""
     content = read_content(path, maker)
     try:
         return kind.model_validate(content)
@@ -155,7 +149,7 @@ def read_content(path: Location, maker: str = "the stage that makes it") -> dict
     except (OSError, ValueError, AttributeError, RecursionError) as error:
         raise _damaged(path, error) from error
     if isinstance(version, int) and version != FORMAT:
-        raise StoreError(
+        raise OtherVersion(
             f"{path}: the record is of format {version}, this version of vt-pipeline reads format {FORMAT}; "
             "use the version that wrote it, or delete the record and run its stage again"
         )

@@ -31,11 +31,7 @@ def are_valid(array: Array, values: np.ndarray) -> bool:
 
 
 def conform(artifact: Artifact, row: Mapping[str, np.ndarray], *, constants: bool = False) -> Row:
-    """Check a row, or the constants, against the schema, and convert it to the schema's dtypes.
-
-    A `StoreError` names an array that is missing, unknown, has the wrong number of dimensions or kind, or holds a value
-    that is not finite (+inf may be allowed).
-    """
+    """Check a row, or the constants, against the schema, and convert it to the schema's dtypes."""
     declared = {name: array for name, array in artifact.arrays.items() if name not in COMMON and array.per_object != constants}
     optional = {name for name, array in declared.items() if array.optional}
     if missing := sorted(declared.keys() - row.keys() - optional):
@@ -106,11 +102,7 @@ class RowFiles:
         return self.folder / name / f"{key}.row"
 
     def save(self, result: Result, row: Row, category: str = "") -> Result:
-        """Write a unit's row or failure, and return its result with digest and arrays.
-
-        Nothing is flushed: a row lost in a power cut is computed again. A failure has no arrays; an object's category
-        belongs to the digest.
-        """
+        """Write a unit's row or failure, and return its result. Nothing is flushed: a row lost in a power cut is computed again."""
         chunks = encode_row(self.artifact, row)
         arrays = {
             name: EncodedArray(shape=value.shape, dtype=value.dtype.str, sizes=tuple(map(len, chunks[name]))) for name, value in row.items()

@@ -13,7 +13,7 @@ import numpy as np
 import zarr
 from pydantic_zarr.v3 import ArraySpec
 
-from pipeline.errors import StoreError, first_line
+from pipeline.errors import OtherVersion, StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.layout import array_violations, numpy_dtype, schema_name
 from pipeline.store.record import RowRecord, ShardRecord, named_location
@@ -35,7 +35,7 @@ class Shard:
         self.position = {row.object_id: position for position, row in enumerate(record.rows)}
         self._opened: dict[str, Any] = {}
         if record.schema_version != artifact.version:
-            raise StoreError(
+            raise OtherVersion(
                 f"{self.path}: schema {artifact.name} is version {artifact.version} here, the shard has {record.schema_version}; "
                 "run its stage again"
             )
@@ -109,11 +109,7 @@ class Shard:
         return name in self.record.metadata
 
     def array(self, name: str) -> Any:
-        """Open a stored array, by its path below the root.
-
-        Raise a `StoreError` if there is none, its metadata changed, or a file is missing or empty: Zarr would read
-        zeros in its place.
-        """
+        """Open a stored array, by its path below the root; refuse one with missing or empty files, which Zarr would read as zeros."""
         if name in self._opened:
             return self._opened[name]
         if "/" not in name:
@@ -232,16 +228,6 @@ class RowView(Mapping[str, np.ndarray]):
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
-
-    def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Read the shapes of the row's arrays from metadata alone; none where the object failed."""
-        if self.record.failure:
-            return {}
-        row = (name for name in self if name not in COMMON)
-        return {
-            name: tuple(self.shard.array(self._path(name)).shape) if "/" in name else tuple(self.shard.array(name).shape[1:])
-            for name in row
-        }
 
     def row(self) -> Row:
         """Read what the stage returned for the object; empty where it failed."""

@@ -18,10 +18,7 @@ PREFIX = "of-process-"
 
 
 def private_folder(parent: str | Path | None = None) -> Path:
-    """Make a folder for temporary files that only this user can read or write; the next run finds it again.
-
-    Dask has Python look for modules there first, and clears the files that killed workers leave in it.
-    """
+    """Make a folder for temporary files that only this user can read or write; the next run finds it again."""
     parent = Path(parent or tempfile.gettempdir())
     folder = parent / f"vt-pipeline-{os.getuid()}"
     with suppress(FileExistsError):

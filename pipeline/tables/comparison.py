@@ -20,7 +20,7 @@ def difference(folder: Path, other: Path) -> str | None:
             return f"{name}={theirs['settings'].get(name)}, not {ours['settings'][name]}"
     if ours["seed"] != theirs["seed"]:
         return f"seed {theirs['seed']}, not {ours['seed']}"
-    our_ids, their_ids = (read_table(place, "objects")["object_id"].tolist() for place in (folder, other))
+    our_ids, their_ids = (read_table(path, "objects")["object_id"].tolist() for path in (folder, other))
     return None if our_ids == their_ids else f"other objects ({abbreviate(sorted({*our_ids} ^ {*their_ids}) or their_ids)})"
 
 
@@ -34,13 +34,13 @@ def comparable_figures(
     another. These are None if all have the same; without a common one, all figures are kept.
     """
     inputs_by_name, figures = dict(read_root(folder)["configurations"]), read_figures(folder)
-    for place in scored:
-        if difference(folder, place) is None:
-            theirs = read_figures(place)
-            for name, inputs in read_root(place)["configurations"].items():
+    for other in scored:
+        if difference(folder, other) is None:
+            theirs = read_figures(other)
+            for name, inputs in read_root(other)["configurations"].items():
                 label = f"{name}, scored" if name in inputs_by_name else name
                 inputs_by_name[label], figures[label] = inputs, theirs[name]
-                figures = {**{other: theirs[other] for other in theirs if other.startswith(BASELINE_PREFIX)}, **figures}
+                figures = {**{key: theirs[key] for key in theirs if key.startswith(BASELINE_PREFIX)}, **figures}
     common = _common_firsts([figures[name] for name in inputs_by_name])
     if common:
         figures |= {name: figures[name].only(common) for name in inputs_by_name}
@@ -54,25 +54,17 @@ def _common_firsts(networks: Sequence[Figures]) -> set[int] | None:
     return None if all(have == common for have in firsts) else common
 
 
-def left_out(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
-    """Name the scores that may not be compared with an evaluation, and why."""
-    for place in scored:
-        if problem := difference(folder, place):
-            yield Table(f"Scored with {problem}, and left out: {', '.join(read_root(place)['configurations'])}; score again")
-
-
-def about_grasps(common: set[int] | None) -> Iterator[Table]:
-    """Name the first grasps that the figures of all rows are of, if some had others too."""
+def about_rows(folder: Path, scored: Sequence[Path], common: set[int] | None) -> Iterator[Table]:
+    """Name the scores that are not comparable, the first grasps that all rows are of, and what the pretrained network was given."""
+    for other in scored:
+        if problem := difference(folder, other):
+            yield Table(f"Not comparable, scored with {problem}: {', '.join(read_root(other)['configurations'])}; score again")
     if common:
         yield Table(f"All networks and methods with first grasp {', '.join(map(str, sorted(common)))} alone, which each of them has.")
     elif common is not None:
         yield Table("Rows are of different first grasps, none of which all have: they cannot be compared well.")
-
-
-def about_shipped(folders: Sequence[Path]) -> Iterator[Table]:
-    """Describe how the rows of the network that ships differ from those beside them."""
-    for settings in (read_root(folder)["settings"] for folder in folders):
+    for settings in (read_root(other)["settings"] for other in (folder, *scored)):
         if "learned_from" in settings:
             learned = settings["learned_from"]
             known = f"; it has learned from {len(learned)} of these objects ({abbreviate(learned)})" if learned else ""
-            yield Table(f"{SHIPPED_ROWS}…: the network that ships, given the first grasp of each object alone{known}.")
+            yield Table(f"{SHIPPED_ROWS}…: the pretrained network, given the first grasp of each object alone{known}.")

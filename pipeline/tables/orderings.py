@@ -31,23 +31,21 @@ Answer = Literal["holds", "does not hold", "undecided"]
 
 @dataclass(frozen=True)
 class Verdict:
-    """Hold the test of a claim that one figure is smaller than another."""
+    """The test of a claim that one figure is smaller than another, in Table 3's unit, m² × 9000."""
 
     claim: str  # in words
-    smaller: float  # mean over objects and trainings, m² times 9000, Table 3's unit
-    larger: float  # likewise
+    smaller: float  # mean over objects and trainings
+    larger: float
     difference: Interval  # `smaller` - `larger`, object by object, and its interval over objects and trainings
-    # the supplement's two figures; None if it has none or for other sizes
-    supplement: tuple[float, float] | None = None
+    supplement: tuple[float, float] | None = None  # its two figures; None if it has none or for other sizes
 
     @property
     def answer(self) -> Answer:
         """Compare the interval with 0; few objects leave the claim undecided."""
-        if self.difference.count < MIN_OBJECTS:
-            return "undecided"
-        if self.difference.high < 0:
+        enough = self.difference.count >= MIN_OBJECTS
+        if enough and self.difference.high < 0:
             return "holds"
-        return "does not hold" if self.difference.low > 0 else "undecided"
+        return "does not hold" if enough and self.difference.low > 0 else "undecided"
 
 
 class Claim(NamedTuple):

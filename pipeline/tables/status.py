@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from pipeline.console import Columns, abbreviate, pluralise, show_tables, tabulate
-from pipeline.errors import StoreError
+from pipeline.errors import OtherVersion, StoreError
 from pipeline.store.directory import DataDirectory, made_by
 from pipeline.store.garbage import all_unreferenced
 from pipeline.store.rows import RowFiles
@@ -61,39 +61,41 @@ class Account:
     artifacts: list[ArtifactAccount] = field(default_factory=list)
     folders: list[FolderAccount] = field(default_factory=list)
     damaged: list[str] = field(default_factory=list)  # a line per thing that cannot be read
+    other_versions: list[str] = field(default_factory=list)  # a line per thing that another version of this project wrote
     jobs: dict[str, dict[str, Any]] = field(default_factory=dict)  # of Slurm, by output: name, number, and by task `states` and `why`
 
     def to_json(self) -> str:
-        """Write the account as JSON, by artifact and folder, with `damaged` and `slurm` if any."""
+        """Write the account as JSON, by artifact and folder, with `damaged`, `other_versions` and `slurm` if any."""
         named = {entry.artifact: asdict(entry) for entry in self.artifacts} | {entry.folder: asdict(entry) for entry in self.folders}
-        further = {"damaged": self.damaged, "slurm": self.jobs}
+        further = {"damaged": self.damaged, "other_versions": self.other_versions, "slurm": self.jobs}
         return json.dumps(named | {name: value for name, value in further.items() if value}, indent=2)
 
     @contextmanager
-    def unless_damaged(self) -> Iterator[None]:
-        """Record a `StoreError` as damage, once."""
+    def unless_unreadable(self) -> Iterator[None]:
+        """Record a `StoreError`, once: what it names cannot be read."""
         try:
             yield
         except StoreError as error:
-            if str(error) not in self.damaged:
-                self.damaged.append(str(error))
+            lines = self.other_versions if isinstance(error, OtherVersion) else self.damaged
+            if str(error) not in lines:
+                lines.append(str(error))
 
 
 def read_account(data: Location, jobs: Callable[[], Mapping[str, dict[str, Any]]] = dict) -> Account:
     """Read every artifact and folder of a data directory, in the pipeline's order, and its jobs on a cluster."""
     directory, folder = DataDirectory(data), on_disk(data)
     account = Account(garbage=sum(_megabytes(files_below(path)) for path in all_unreferenced(directory)))
-    with account.unless_damaged():
+    with account.unless_unreadable():
         account.jobs.update(jobs())
-    if not (list_folder(data) or (folder and folder.is_dir()) or account.jobs or account.damaged):
+    if not (list_folder(data) or (folder and folder.is_dir()) or account.jobs or account.damaged or account.other_versions):
         raise StoreError(f"{data.resolve()} is not a data directory; make one with `vt-pipeline run`, or name another")
     for name in directory.artifact_names():
-        with account.unless_damaged():
+        with account.unless_unreadable():
             artifact = _artifact(directory, name)
             if artifact.shards or artifact.unfinished:
                 account.artifacts.append(artifact)
     for name in directory.folders():
-        with account.unless_damaged():
+        with account.unless_unreadable():
             account.folders.append(_folder(directory, name))
     return account
 
@@ -153,6 +155,7 @@ def show(account: Account, console: Console) -> None:
         if entry.missing:
             text = f"{entry.artifact}: {pluralise(len(entry.missing))} not made yet ({abbreviate(entry.missing)})"
             lines.append(("yellow", "incomplete", text))
+    lines += [("yellow", "other version", line) for line in account.other_versions]
     lines += [("red", "damaged", line) for line in account.damaged]
     if account.garbage > 1:
         lines.append(("default", "garbage", f"{account.garbage:.0f} MB are named by no record; `vt-pipeline collect-garbage` removes them"))

@@ -40,7 +40,7 @@ def touch_tables(
     if paper:
         columns[f"% in {PAPER}"] = ("", SUPPLEMENT_SUCCESS.get)
     columns["% of attempts, mean over objects"] = (".1f", lambda name: 100 * float(np.mean(groups[name].tried)))
-    tables = [tabulate("Touches", "class", {name: name for name in groups}, columns)]
+    tables = [tabulate("Table 1: touches, all splits", "class", {name: name for name in groups}, columns)]
     if total.hold_measures:  # area, mm², angle between contacts, and margin of force closure
         measures: Columns = {
             "area of contact per grasp, mm²": (".0f", lambda tally: _measures(tally)[:, 0].mean()),

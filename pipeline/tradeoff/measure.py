@@ -12,9 +12,8 @@ from typing import Any
 
 from rich.console import Console
 
-from pipeline.config.objects import Object
-from pipeline.config.presets import load_presets
-from pipeline.config.settings import Settings
+from pipeline.config.settings import Settings, load_presets
+from pipeline.config.sources import Object
 from pipeline.engine import keys
 from pipeline.engine.make import make
 from pipeline.engine.plan import Request

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pipeline.config.objects import Object
+from pipeline.config.sources import Object
 from pipeline.formats.file_content import regular_stat
 from pipeline.rng import numpy_rng
 

@@ -31,31 +31,24 @@ class Progress:
     history: list[dict[str, float]] = field(default_factory=list)  # metrics of every finished epoch
 
 
-@dataclass(frozen=True)
-class State:
-    """Hold the tensors that a training changes: those of the network and of Adam."""
-
-    module: nn.Module
-    optimizer: torch.optim.Optimizer
-
-
 def save(
     folder: Path,  # of the model
-    state: State,  # the weights, and the moments of the optimizer
+    module: nn.Module,
+    optimizer: torch.optim.Optimizer,
     best: Mapping[str, Tensor],  # the best weights so far, by name
     progress: Progress,
 ) -> None:
     """Write a checkpoint."""
-    tensors = {f"module/{name}": value for name, value in state.module.state_dict().items()}
+    tensors = {f"module/{name}": value for name, value in module.state_dict().items()}
     tensors |= {f"best/{name}": value for name, value in best.items()}
-    for index, moments in state.optimizer.state_dict()["state"].items():
+    for index, moments in optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer/{index}/{name}": torch.as_tensor(value) for name, value in moments.items()}
     stored = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
     write_atomically(folder / FILE, safetensors.torch.save(stored, metadata={"progress": json.dumps(progress.__dict__)}))
 
 
-def load(folder: Path, state: State) -> tuple[dict[str, Tensor], Progress]:
-    """Restore the state from the checkpoint in `folder`; return the best weights and the progress.
+def load(folder: Path, module: nn.Module, optimizer: torch.optim.Optimizer) -> tuple[dict[str, Tensor], Progress]:
+    """Restore the weights and the optimizer's moments from the checkpoint in `folder`; return the best weights and the progress.
 
     The module must have the type and device that it is trained with: the moments take those of its parameters. Without a
     checkpoint, or with one that a crash of the machine truncated, nothing changes: the training starts from the beginning.
@@ -67,12 +60,12 @@ def load(folder: Path, state: State) -> tuple[dict[str, Tensor], Progress]:
             progress = Progress(**json.loads(file.metadata()["progress"]))
     except (FileNotFoundError, SafetensorError):
         return {}, Progress()
-    state.module.load_state_dict(_below("module", tensors))
+    module.load_state_dict(_below("module", tensors))
     moments: dict[int, dict[str, Tensor]] = defaultdict(dict)
     for name, value in _below("optimizer", tensors).items():
         index, moment = name.split("/")
         moments[int(index)][moment] = value
-    state.optimizer.load_state_dict(state.optimizer.state_dict() | {"state": moments})
+    optimizer.load_state_dict(optimizer.state_dict() | {"state": moments})
     return _below("best", tensors), progress
 
 

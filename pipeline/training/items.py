@@ -44,14 +44,6 @@ class Items:
         """Read the vertices along a side of the touch charts; the supplement's number for a network without touch."""
         return isqrt(self.rows.size("vertices", "vertex")) if self.config.touch else SIDE
 
-    @property
-    def camera(self) -> list[list[float]] | None:
-        """Read the (3, 4) projection matrix of the first object's image, scaled with it; None without images, or if each has its own."""
-        if self.config.image in (None, "rendering"):
-            return None
-        camera: list[list[float]] = stored_camera(self.rows, self.rows.object_ids[0], self.config).tolist()
-        return camera
-
     def scale(self, object_id: str) -> float:
         """Compute the factor that makes an object as large as networks learn them."""
         return scale_of(self.rows, object_id, self.config)
@@ -63,17 +55,10 @@ class Items:
         return transform_points(scaling_about(self.config.centre, scale), points.astype(np.float64)).astype(np.float32)
 
     @property
-    def resolution(self) -> list[int] | None:
+    def resolution(self) -> tuple[int, int] | None:
         """Read the rows and columns of the images; None without them."""
         images = stored_images(self.config)
-        return [self.rows.size(images[0], dim) for dim in ("row", "col")] if images else None
-
-    @property
-    def background(self) -> list[int] | None:
-        """Read the sRGB of the images' background, 0 to 255; None without images of a scene."""
-        if self.config.image in (None, "rendering") or (scene := self.rows.attributes("vision").get("scene")) is None:
-            return None
-        return [int(255 * level + 0.5) for level in scene["background"]]
+        return (self.rows.size(images[0], "row"), self.rows.size(images[0], "col")) if images else None
 
     def target(self, item: int) -> SearchCloud:
         """Read the object's points, (N, 3) float32, world, m, scaled as its observations are."""
@@ -98,7 +83,7 @@ class Items:
         """Read the network's input of `count` grasps: the item's own, then further ones."""
         return stored_observation(self.rows, self.object_of(item), self.grasps_of(item, count, order), inputs or self.config)
 
-    def drawn_view(
+    def random_view(
         self,
         item: int,  # its number, from 0
         fewest: int,
@@ -117,7 +102,7 @@ class Items:
         image: ImageKind | None = None if image_draw < dropped[0] else "occluded" if kind_draw < 0.5 else "unoccluded"
         return self.view(item, count, order, self.config.restricted_to(NetworkInputs(image=image, touch=touch_draw >= dropped[1])))
 
-    def view_in_turn(self, item: int, fewest: int, most: int) -> Observation:
+    def fixed_view(self, item: int, fewest: int, most: int) -> Observation:
         """Read the network's input with a fixed choice of grasps, in the order of the dataset.
 
         An object's items have `fewest` to `most` grasps in turn. Those of a network that takes any inputs have all
@@ -148,14 +133,21 @@ class Items:
     def trained(self, configuration: str, network: NetworkInputs) -> Trained:
         """Describe a network that was trained on these items."""
         diagonals = [self.rows.diagonal(object_id) for object_id in self.rows.object_ids]
-        facts: dict[str, Any] = {
-            "camera": self.camera,
-            "resolution": self.resolution,
-            "background": self.background,
-            "charts": self.rows.attributes("charts")["settings"] if self.config.touch else None,
-            "diagonals": (min(diagonals), max(diagonals)),
-        }
-        return Trained(configuration=configuration, network=network, **facts)
+        camera: Any = None
+        background: Any = None
+        if self.config.image not in (None, "rendering"):  # each rendering has its own camera
+            camera = stored_camera(self.rows, self.rows.object_ids[0], self.config).tolist()
+            scene = self.rows.attributes("vision").get("scene")
+            background = None if scene is None else [int(255 * level + 0.5) for level in scene["background"]]
+        return Trained(
+            configuration=configuration,
+            network=network,
+            camera=camera,
+            resolution=self.resolution,
+            background=background,
+            charts=self.rows.attributes("charts")["settings"] if self.config.touch else None,
+            diagonals=(min(diagonals), max(diagonals)),
+        )
 
     def name(self, item: int) -> str:
         """Name an item for a message."""

@@ -9,11 +9,12 @@ import platform
 import re
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import torch
 from torch.multiprocessing.spawn import ProcessExitedException, ProcessRaisedException
@@ -35,14 +36,14 @@ from pipeline.training.processes import (
     end_with_parent,
     gather_strings,
     lost_peers_as_stage_error,
-    make_fabric,
 )
-from pipeline.training.read_ahead import read_ahead
-from pipeline.training.schedule import rate_at
 from pipeline.training.settings import TrainingSettings
 
 if TYPE_CHECKING:  # importing it takes seconds, which a run that is up to date need not spend
     from lightning_fabric import Fabric
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 METRICS = "metrics.json"
 MAX_LOSS_GROWTH = 1e4
@@ -62,12 +63,12 @@ def train(
     A killed training continues from the checkpoint in the folder and ends, on the same machine, with the same weights,
     to the bit, as an uninterrupted one. The checkpoint stays: the caller that publishes the model removes it.
 
-    A `StageError` says that there are no items, that a process was killed, or that a loss is NaN, raises in a kernel,
-    or explodes: it names epoch, step, and the items of the batch. A fault of ours in one of several processes is a
-    `ProcessRaisedException` with its traceback.
+    A fault of ours in one of several processes is a `ProcessRaisedException` with its traceback.
     """
     if not len(learner):
         raise StageError(f"{name}: there are no items to train on; take more objects, or see `vt-pipeline status` for those that failed")
+    from pipeline.training.fabric import make_fabric
+
     fabric = make_fabric(settings, folder)
     begin: Any = _begin  # Fabric's signature leaves out the arguments that it passes on
     try:
@@ -78,7 +79,8 @@ def train(
             raise
         raise StageError(message) from error
     except ProcessExitedException as error:
-        raise StageError(f"{name}: process {error.error_index} of {settings.devices} {_how_it_ended(error)}; {RESUME_HINT}") from error
+        ended = f"was ended by {error.signal_name}" if error.signal_name else f"ended with status {error.exit_code}"
+        raise StageError(f"{name}: process {error.error_index} of {settings.devices} {ended}; {RESUME_HINT}") from error
     learner.network.load_state_dict(checkpoint.load_best(folder))
     return facts
 
@@ -90,22 +92,17 @@ def _message_of(traceback: str) -> str | None:
     return match and match[1]
 
 
-def _how_it_ended(error: ProcessExitedException) -> str:
-    return f"was ended by {error.signal_name}" if error.signal_name else f"ended with status {error.exit_code}"
-
-
 def _begin(fabric: Fabric, learner: Learner, settings: TrainingSettings, *, folder: Path, seed: int, name: str) -> dict[str, Any]:
     end_with_parent()
     with torch_threads(settings.threads), lost_peers_as_stage_error(fabric, name):
         return _Training(fabric, learner, settings, folder=folder, seed=seed, name=name).run()
 
 
-@dataclass(frozen=True)
-class Part:
-    """Hold the part of a batch that one process learns from: its items, and their share of the batch, 0 for placeholders."""
+class Part(NamedTuple):
+    """The part of a batch that one process learns from."""
 
     items: list[int]
-    share: float
+    share: float  # of the batch; 0 for placeholders
 
 
 class _Training:
@@ -119,8 +116,7 @@ class _Training:
         self.adam = torch.optim.Adam(self.module.parameters(), lr=settings.learning_rate)
         wrapped: Any = fabric.setup(self.module, self.adam)
         self.network, self.optimizer = wrapped
-        self.state = checkpoint.State(self.module, self.adam)
-        self.best, self.progress = checkpoint.load(folder, self.state)  # now that they have their type and device
+        self.best, self.progress = checkpoint.load(folder, self.module, self.adam)  # now that they have their type and device
         if len(set(gather_strings(fabric, of_json(asdict(self.progress))))) > 1:
             raise StageError(f"{name}: processes read different checkpoints from {folder}: the file system shows an old one; run again")
         self.began = time.perf_counter() - self.progress.seconds
@@ -203,17 +199,12 @@ class _Training:
         self.check_size(items, "gradient's norm", float(norm), limit=math.inf)
         if self.settings.gradient_limit is not None:
             torch.nn.utils.clip_grads_with_norm_(self.module.parameters(), self.settings.gradient_limit, norm)
-        self.set_rate()
+        rate = self.settings.rate_at(progress.epoch * self.steps + progress.step, self.settings.epochs * self.steps)
+        for group in self.adam.param_groups:
+            group["lr"] = rate
         self.optimizer.step()
         mean: Any = fabric.all_reduce(weighted.detach())
         return float(mean)
-
-    def set_rate(self) -> None:
-        """Set the learning rate of this step; it depends on the step alone, so a resumed training has the same rates."""
-        settings, progress = self.settings, self.progress
-        share = rate_at(progress.epoch * self.steps + progress.step, settings.epochs * self.steps, settings.schedule)
-        for group in self.adam.param_groups:
-            group["lr"] = settings.learning_rate * share
 
     def check_size(self, items: Sequence[int], name: str, value: float, *, limit: float) -> None:
         """Stop the training at a value from which no later step recovers."""
@@ -250,10 +241,24 @@ class _Training:
         """Write the checkpoint."""
         self.progress.seconds = time.perf_counter() - self.began
         if self.fabric.is_global_zero:
-            checkpoint.save(self.folder, self.state, self.best, self.progress)
+            checkpoint.save(self.folder, self.module, self.adam, self.best, self.progress)
 
 
 def read_metrics(folder: Path) -> list[dict[str, float]]:
     """Read the losses of each epoch of a finished training."""
     rows: list[dict[str, float]] = json.loads(read_bytes(folder / METRICS))
     return rows
+
+
+def read_ahead(read: Callable[[T], R], parts: Iterable[T]) -> Iterator[tuple[T, Callable[[], R]]]:
+    """Yield each part with a function that waits for its content, or raises the error of reading it.
+
+    A thread reads the next part meanwhile; at most two are held.
+    """
+    with ThreadPoolExecutor(1, "read") as reader:
+        submitted = ((part, reader.submit(read, part)) for part in parts)
+        current = next(submitted, None)
+        while current:
+            part, future = current
+            current = next(submitted, None)
+            yield part, future.result

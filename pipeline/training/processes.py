@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import multiprocessing
 import os
 import signal
@@ -10,17 +9,13 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
 import torch.distributed
 
 from pipeline.errors import StageError
-from pipeline.store.digest import LOGS
 from pipeline.store.temporary import temporary_folder
-from pipeline.training.device import device_of
-from pipeline.training.settings import TrainingSettings
 
 if TYPE_CHECKING:  # importing it takes seconds, which a run that is up to date need not spend
     from lightning_fabric import Fabric
@@ -31,47 +26,11 @@ RESUME_HINT = "run the same command again: it goes on from its last checkpoint"
 WORD = 4096
 """Maximum number of bytes that a process broadcasts."""
 
+LOST = ("onnection closed", "onnection reset", "roken pipe", "imed out", "onnection refused")
+"""Parts of gloo's messages of lost connections between processes, for which it has no error type."""
+
 REPORT_DELAY = 3.0
 """Seconds by which the other processes delay their end after one was killed, so that their launcher reports the killed one."""
-
-
-def make_fabric(
-    settings: TrainingSettings,  # give accelerator, devices and precision
-    folder: Path,  # of the model; TensorBoard logs go below it
-) -> Fabric:
-    """Make the `Fabric` that runs a training in the processes that the settings ask for, or raise a `StageError`."""
-    from lightning_fabric import Fabric
-    from lightning_fabric.loggers.tensorboard import TensorBoardLogger
-    from lightning_fabric.plugins.environments.lightning import LightningEnvironment
-    from lightning_fabric.utilities import rank_zero
-    from lightning_fabric.utilities.exceptions import MisconfigurationException
-
-    logging.getLogger(rank_zero.__name__).setLevel(logging.WARNING)  # its advice names calls that no setting makes
-    try:
-        device = device_of(settings.accelerator).type
-        precision: Any = settings.precision
-        plugins: list[Any] = [LightningEnvironment()]  # in a job of Slurm, too
-        if precision == "bf16-mixed":
-            from pipeline.training.mixed_precision import MixedPrecisionLayers
-
-            plugins.append(MixedPrecisionLayers(precision, device))
-            precision = None  # Fabric takes it from the plugin
-        strategy: Any = "auto"
-        if settings.devices > 1:
-            from pipeline.training.local_processes import LocalProcesses
-
-            strategy = LocalProcesses()
-            os.environ.setdefault("GLOO_SOCKET_IFNAME", "lo")  # no other machine has to reach them
-        return Fabric(
-            accelerator=device,
-            strategy=strategy,
-            devices=settings.devices,
-            precision=precision,
-            plugins=plugins,
-            loggers=TensorBoardLogger(folder, name=LOGS, version=""),
-        )
-    except (RuntimeError, ValueError, ImportError, MisconfigurationException) as error:  # the last: fewer GPUs than devices
-        raise StageError(f"accelerator {settings.accelerator}, {settings.devices} devices, {settings.precision}: {error}") from error
 
 
 @contextmanager
@@ -112,19 +71,14 @@ def lost_peers_as_stage_error(fabric: Fabric, name: str) -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:
-        if fabric.world_size == 1 or not is_lost_connection(error):
+        is_lost = "gloo" in str(error) and any(words in str(error) for words in LOST)
+        if fabric.world_size == 1 or not (is_lost or isinstance(error, torch.distributed.DistError)):
             raise
         time.sleep(REPORT_DELAY)
         reason = str(error).strip().splitlines()[0]
         raise StageError(
             f"{name}: process {fabric.global_rank} of {fabric.world_size} lost the others ({reason}); see their messages, and {RESUME_HINT}"
         ) from error
-
-
-def is_lost_connection(error: RuntimeError) -> bool:
-    """Return whether an error is a lost connection between processes, for which gloo has no error type."""
-    words = ("onnection closed", "onnection reset", "roken pipe", "imed out", "onnection refused")
-    return isinstance(error, torch.distributed.DistError) or ("gloo" in str(error) and any(word in str(error) for word in words))
 
 
 def gather_strings(fabric: Fabric, word: str) -> list[str]:

@@ -2,8 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -16,13 +15,12 @@ from pipeline.training.learner import Learner
 from pipeline.training.settings import ReconstructionSettings
 
 
-@dataclass(frozen=True)
-class Batch:
-    """Hold items for a training step: inputs, targets, and the generators, one per item, that draw the points of the loss."""
+class Batch(NamedTuple):
+    """Items for a training step."""
 
     observations: Sequence[Observation]
     targets: Any
-    generators: Sequence[torch.Generator]
+    generators: Sequence[torch.Generator]  # one per item; they draw the points of the loss
 
 
 class ReconstructionLearner(Learner):
@@ -64,7 +62,7 @@ class ReconstructionLearner(Learner):
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
         """Read items, each with as many grasps as are drawn for it, varied as the settings ask."""
         dropped, counts = self.settings.dropped_inputs, (self._fewest, self._most)
-        views = [self._train.drawn_view(item, *counts, rng, dropped=dropped) for item, rng in zip(items, generators, strict=True)]
+        views = [self._train.random_view(item, *counts, rng, dropped=dropped) for item, rng in zip(items, generators, strict=True)]
         observations = [vary_observation(observation, self.settings, rng) for observation, rng in zip(views, generators, strict=True)]
         return Batch(observations, self.targets(self._train, items, generators, validates=False), generators)
 
@@ -74,7 +72,7 @@ class ReconstructionLearner(Learner):
         errors = []
         for start in range(0, len(self._valid), size):
             numbers = range(len(self._valid))[start : start + size]
-            observations = [self._valid.view_in_turn(item, self._fewest, self._most) for item in numbers]
+            observations = [self._valid.fixed_view(item, self._fewest, self._most) for item in numbers]
             generators = [generator] * len(numbers)
             targets = self.targets(self._valid, numbers, generators, validates=True)
             errors.append(self.errors(network, Batch(observations, targets, generators)))

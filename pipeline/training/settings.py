@@ -1,14 +1,18 @@
 """The settings that every training has."""
 
+import math
 from collections.abc import Mapping
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
 from pydantic import model_validator
 
 from pipeline.config.settings import Settings, setting
 from pipeline.errors import unknown_name
 from pipeline.kernels.networks.network_configurations import NetworkInputs
-from pipeline.training.schedule import Schedule
+
+Schedule = Literal["constant", "cosine"]
+WARM_UP = 0.05
+"""Share of all steps in which a cosine schedule rises to the full rate, while Adam has seen few gradients."""
 
 
 class TrainingSettings(Settings):
@@ -48,6 +52,15 @@ class TrainingSettings(Settings):
         120.0, "between checkpoints within an epoch: what a killed run loses at most", ge=0, changes="speed"
     )
 
+    def rate_at(self, step: int, steps: int) -> float:
+        """Compute the learning rate at a step, which counts from 0: a resumed training has the same ones."""
+        if self.schedule == "constant":
+            return self.learning_rate
+        rising = max(1, round(WARM_UP * steps))
+        if step < rising:
+            return self.learning_rate * ((step + 1) / rising)
+        return self.learning_rate * ((1 + math.cos(math.pi * (step - rising) / max(1, steps - rising))) / 2)
+
 
 class ReconstructionSettings(TrainingSettings):
     """The settings of the training of any network that reconstructs objects, with the definition of an item."""
@@ -76,26 +89,26 @@ class ReconstructionSettings(TrainingSettings):
     validation_items: int = setting(5, "items per validation object, with 1, 2, … grasps", ge=1)
 
     @model_validator(mode="after")
-    def _some_grasps(self) -> "ReconstructionSettings":
+    def _some_grasps(self) -> Self:
         if self.min_grasps > self.max_grasps:
             raise ValueError(f"min_grasps is {self.min_grasps}, max_grasps {self.max_grasps}; the fewest cannot be more than the most")
         return self
 
     @model_validator(mode="after")
-    def _known_configuration(self) -> "ReconstructionSettings":
+    def _known_configuration(self) -> Self:
         if self.configuration not in self.configurations:
             raise ValueError(unknown_name("configuration", self.configuration, self.configurations))
         return self
 
     @property
-    def named(self) -> NetworkInputs:
+    def inputs(self) -> NetworkInputs:
         """Look up the configuration: the inputs of its network."""
         return self.configurations[self.configuration]
 
     def network(self, side: int) -> NetworkInputs:
         """Describe the network of these settings, for touch charts of side x side vertices."""
-        sizes = self.model_dump(include=set(type(self.named).model_fields), exclude_none=True)
-        return self.named.model_copy(update=sizes | {"side": side})
+        sizes = self.model_dump(include=set(type(self.inputs).model_fields), exclude_none=True)
+        return self.inputs.model_copy(update=sizes | {"side": side})
 
     @property
     def touch_dropout(self) -> float:

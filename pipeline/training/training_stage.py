@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from pipeline.console import pluralise
 from pipeline.engine.stage import DatasetJob, DatasetStage
 from pipeline.errors import StageError
-from pipeline.models.families import model_name, reconstructor_type
+from pipeline.models.families import model_name, reconstructor_type, trained_folder, trained_models
+from pipeline.models.shipped_weights import models_place
 from pipeline.rng import torch_generator
+from pipeline.store.directory import DataDirectory
+from pipeline.store.record import FolderRecord
 from pipeline.training.settings import ReconstructionSettings
 from schemas.base import Artifact
 from schemas.charts import CHARTS
@@ -20,11 +23,20 @@ from schemas.surfaces import SURFACES
 from schemas.vision import VISION
 
 if TYPE_CHECKING:
+    from torch import nn
+
+    from pipeline.models.reconstruction import Reconstructor
     from pipeline.training.items import Items
     from pipeline.training.reconstruction import ReconstructionLearner
 
 IMAGES = {"occluded": VISION, "unoccluded": VISION, "any": VISION, "rendering": RENDERINGS}
 """The artifact that holds each kind of image."""
+LEARNED_BEFORE = "learned_before"
+"""Name of a training's fact: what its pretrained network had learned from."""
+OF_MESHES = ("spacing", "touch_reach")
+"""Entries of a network's description that only decide how its predictions are meshed; its weights do not depend on them."""
+OTHER_STAGES = {"side": "fit-charts"}
+"""Stages that set entries of a network's description, by entry; its training sets the others."""
 
 
 class ReconstructionTraining(DatasetStage):
@@ -40,16 +52,15 @@ class ReconstructionTraining(DatasetStage):
 
     def inputs(self, settings: Any) -> tuple[Artifact, ...]:
         """Name the artifacts of the objects' sizes and the target, and of the image and touch charts that the configuration takes."""
-        named = settings.named
+        inputs = settings.inputs
         target = [] if self.target is SURFACES else [self.target]
-        return (SURFACES, *target, *([IMAGES[named.image]] if named.image else []), *([CHARTS] if named.touch else []))
+        return (SURFACES, *target, *([IMAGES[inputs.image]] if inputs.image else []), *([CHARTS] if inputs.touch else []))
 
     def assets(self, settings: Any) -> list[Path]:
         """List the files of the network that the training begins with."""
         if settings.pretrained is None:
             return []
         from pipeline.models.model_files import DESCRIPTION, WEIGHTS
-        from pipeline.training.pretrained import pretrained_folder
 
         folder = pretrained_folder(settings.pretrained, settings.configuration)
         return [folder / file for file in (DESCRIPTION, WEIGHTS)]
@@ -67,21 +78,21 @@ class ReconstructionTraining(DatasetStage):
         from pipeline.kernels.networks.image_encoder import ENCODER_PLANS
 
         made_for = ENCODER_PLANS[network.config.encoder_layers].resolution
-        if network.config.image and items.resolution != [made_for, made_for]:
-            yield f"images are of {items.resolution} pixels, the encoder's table is for {made_for}: see render-vision.resolution"
+        if network.config.image and items.resolution != (made_for, made_for):
+            size = list(items.resolution or ())
+            yield f"images are of {size} pixels, the encoder's table is for {made_for}: see render-vision.resolution"
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Train, and save the best epoch's weights with the description of the model."""
         from pipeline.models.model_files import save_model
         from pipeline.training.items import Items
         from pipeline.training.loop import train
-        from pipeline.training.pretrained import LEARNED_BEFORE
 
         settings = job.settings
         splits = (("train", settings.samples_per_object), ("valid", settings.validation_items))
         cache_megabytes = settings.cache_megabytes
         learning, validation = (
-            Items(job.data, split, settings.named, items_per_object, learned=self.arrays, cache_megabytes=cache_megabytes)
+            Items(job.data, split, settings.inputs, items_per_object, learned=self.arrays, cache_megabytes=cache_megabytes)
             for split, items_per_object in splits
         )
         name = f"{self.name} {settings.configuration}{settings.label}"
@@ -97,8 +108,6 @@ class ReconstructionTraining(DatasetStage):
 
     def _begin_with_pretrained(self, network: Any, job: DatasetJob, name: str) -> list[dict[str, Any]]:
         """Give a network the weights of a trained one; return the training data of that one."""
-        from pipeline.training.pretrained import give_weights, learned_before, pretrained_folder
-
         models, trained = job.settings.pretrained, job.settings.configuration
         folder = pretrained_folder(models, trained)
         if folder.resolve().parent == Path(str(job.data / job.name)).resolve().parent:
@@ -115,7 +124,7 @@ class ReconstructionTraining(DatasetStage):
 
 def setting_remarks(settings: ReconstructionSettings, items: Items) -> Iterator[str]:
     """Report settings that differ from their defaults without effect on this network, and a number of grasps that no object has."""
-    inputs, fields = settings.named, type(settings).model_fields
+    inputs, fields = settings.inputs, type(settings).model_fields
     uses: dict[str, object] = {name: inputs.image for name in ("image_", "encoder_")}
     uses |= {name: inputs.touch for name in ("touch_reach", "touch_edges", "dropped_touches", "min_grasps", "max_grasps")}
     uses |= {"dropped_image": inputs.image == "any", "dropped_grasps": inputs.image == "any"}
@@ -128,3 +137,33 @@ def setting_remarks(settings: ReconstructionSettings, items: Items) -> Iterator[
             f"items have at most {pluralise(items.grasps, 'grasp')}, min_grasps is {settings.min_grasps} and max_grasps "
             f"{settings.max_grasps}: the dataset holds no more of an object (simulate-grasps.grasps)"
         )
+
+
+def pretrained_folder(models: str, network: str) -> Path:
+    """Find the folder of a trained network by a training's setting `pretrained`; errors as `trained_folder`."""
+    return trained_folder(models_place(models), network)
+
+
+def learned_before(models: str, network: str) -> list[dict[str, Any]]:
+    """List the training data of a trained network, as `learned_from`."""
+    folder = models_place(models)
+    return learned_from(DataDirectory(trained_models(folder)[network]).folder(network))
+
+
+def learned_from(record: FolderRecord) -> list[dict[str, Any]]:
+    """List the training data of a record's network, also from before its training: manifest and items of each training."""
+    manifest = record.options.get("--manifest", record.manifest)
+    return [*record.facts.get(LEARNED_BEFORE, []), {"manifest": manifest, "items": record.facts["items"]}]
+
+
+def give_weights(network: nn.Module, pretrained: Reconstructor, stage: str) -> None:
+    """Give a network the weights of a trained one; raise a `StageError` that names the settings of the training if it has other sizes."""
+    config: Any = network.config
+    settings = [
+        f"{OTHER_STAGES.get(name, stage)}.{name}={value}"
+        for name, value in pretrained.config
+        if name not in OF_MESHES and value != getattr(config, name)
+    ]
+    if settings:
+        raise StageError(f"the network in `pretrained` has other sizes; to begin with it, set {' '.join(settings)}")
+    network.load_state_dict(pretrained.network.state_dict())

@@ -8,12 +8,12 @@ from rich.console import Console
 
 from pipeline.console import Meter
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.kernels.geometry.normalise import DIAGONAL, POSITION
+from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, POSITION
 from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances
 from pipeline.kernels.metrics.retrieval import RetrievalCloud, chamfer_matrix, nearest_cloud, silhouette_overlap
 from stages.evaluate.evaluation_files import Figure, Figures
-from stages.evaluate.ground_truth import TestObjects
+from stages.evaluate.measure import TestObjects
 
 POINTS = 1000
 """Points per object that the search compares; the retrieved object is measured on all of its points."""

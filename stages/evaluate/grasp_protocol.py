@@ -12,7 +12,6 @@ from pipeline.console import pluralise
 from pipeline.dataset.grasps import grasping_sensors
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows, is_surface
-from pipeline.dataset.touch_statistics import tally
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import face_cross_products, is_watertight
@@ -29,12 +28,10 @@ from pipeline.kernels.touch.depth_maps import local_points
 from pipeline.kernels.vision.scene import Label
 from pipeline.models.reconstruction import close_reconstruction
 from pipeline.rng import numpy_rng
-from pipeline.store.storage import Location
 from schemas.charts import STOP_RULES
 from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
-from stages.evaluate.ground_truth import TestObjects, training_objects
-from stages.evaluate.measure import MeasuredCase, Protocol
+from stages.evaluate.measure import MeasuredCase, Protocol, TestObjects, training_objects
 from stages.evaluate.reconstructors import Case, Reconstructor
 from stages.evaluate.stage import GraspMeasuringSettings
 
@@ -188,11 +185,10 @@ class GraspProtocol(Protocol):
         return np.concatenate([cloud[:count] for cloud, count in clouds] or [poses[:, :3, 3]]).astype(np.float64)
 
     def extra(self) -> dict[str, Arrays]:
-        """Make Table 1 and, where touch charts were read, their table."""
-        groups = {"table_1": dataset(self.job.data)}
-        if "residual" in self.objects.rows.arrays:
-            groups["charts"] = chart_residuals(*map(self.objects.stack, ("residual", "iterations", "stop_rule")))
-        return groups
+        """Summarise the touch charts, where they were read."""
+        if "residual" not in self.objects.rows.arrays:
+            return {}
+        return {"charts": chart_residuals(*map(self.objects.stack, ("residual", "iterations", "stop_rule")))}
 
 
 def arrays_of(
@@ -205,18 +201,6 @@ def arrays_of(
         return ["points", "normals", "sensor_pose", "touch_success", *images]
     fitted = ["vertices", "residual", "iterations", "stop_rule"] if any(item.charts for item in reconstructors) else []
     return ["points", "normals", "sensor_pose", "touch_success", "depth", "untouched", *images, *fitted]
-
-
-def dataset(data: Location) -> Arrays:
-    """Make Table 1, one row per class and one for all."""
-    tallies = tally(data)
-    *counts, percent = np.array([entry.row()[:4] for entry in tallies.values()]).T  # (class,) each
-    successful, touches = percent / 100, counts[-1]
-    return {
-        "category": np.array([*tallies, ALL]),
-        **{name: np.append(column, column.sum()) for name, column in zip(("objects", "grasps", "touches"), counts, strict=True)},
-        "successful": np.append(successful, (successful * touches).sum() / touches.sum()),
-    }
 
 
 def chart_residuals(

@@ -1,7 +1,7 @@
 """One network or method on the objects of a split: reconstruct each case once, and measure it by a protocol."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -11,14 +11,74 @@ from numpy.typing import NDArray
 from pipeline.console import Meter
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import DatasetJob
-from pipeline.errors import StageError
+from pipeline.errors import StageError, StoreError
 from pipeline.kernels.geometry.mesh import sample_triangles
-from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances
+from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances, sampled_area, sampling_floor
 from pipeline.models.reconstruction import Reconstruction
 from pipeline.rng import numpy_rng
+from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import Location
+from schemas.surfaces import SURFACES
 from stages.evaluate.evaluation_files import Arrays, Figure, Figures
-from stages.evaluate.ground_truth import TestObjects
 from stages.evaluate.reconstructors import Case, Reconstructor
+
+SPLIT = "test"
+
+
+def training_objects(data: Location, arrays: Iterable[str]) -> ObjectRows | None:
+    """Open the training objects, from which baselines retrieve; None if there are none, or all of them failed."""
+    try:
+        return ObjectRows(data, list(arrays), "train")
+    except StoreError:
+        return None
+
+
+class TestObjects:
+    """Hold the objects of the test split that have every array which a model needs: the same for all models.
+
+    `count` is the number of points of S^obj per object: as many as are drawn from a reconstruction. A `StageError` says
+    that the dataset has fewer.
+    """
+
+    def __init__(self, data: Location, arrays: Iterable[str], count: int, stage: str) -> None:
+        self.rows, self.count = ObjectRows(data, list(arrays), SPLIT), count
+        self.surfaces = DataDirectory(data).collection(SURFACES)
+        if (available := self.rows.size("points", "point")) < count:
+            raise StageError(f"{stage}.points is {count}, the dataset has {available} points per object; lower it, or sample more surface")
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def stack(self, array: str) -> np.ndarray:
+        """Read an array of all objects: (object, …)."""
+        return np.stack([self.rows.read(array, object_id) for object_id in self.rows.object_ids])
+
+    def points(self, row: int) -> NDArray[np.float64]:
+        """Read (count, 3) points of S^obj of an object, world frame, m: drawn independently, hence the first are a fair sample."""
+        return self.rows.read("points", self.rows.object_ids[row])[: self.count].astype(np.float64)
+
+    def normals(self, row: int) -> NDArray[np.float64]:
+        """Read the (count, 3) outward unit normals at `points`."""
+        return self.rows.read("normals", self.rows.object_ids[row])[: self.count].astype(np.float64)
+
+    def area(self, row: int) -> float:
+        """Estimate the area of an object's surface, m², from distances between points: two sides of thin parts count once."""
+        return sampled_area(self.points(row))
+
+    def diagonal(self, row: int) -> float:
+        """Compute the diagonal of an object's bounding box, m."""
+        return self.rows.diagonal(self.rows.object_ids[row])
+
+    def table(self) -> Arrays:
+        """Make the group `objects` of the schema."""
+        areas = [self.area(row) for row in range(len(self))]
+        return {
+            "object_id": np.array(self.rows.object_ids),
+            "category": np.array(self.rows.categories),
+            "diagonal": np.array([self.diagonal(row) for row in range(len(self))]),
+            "area": np.array(areas),
+            "floor": np.array([sampling_floor(area, self.count) for area in areas]),
+        }
 
 
 @dataclass(frozen=True)

@@ -24,11 +24,14 @@ class Reconstructor(Protocol):
     """Reconstructs test objects in the cases that it has."""
 
     name: str  # of its row in the tables
-    image: str | None  # the kind of image that it, or baselines beside it, take
     touch: bool  # whether it, or baselines beside it, take touches
     charts: bool  # whether it takes touches as touch charts
     has_charts: bool  # whether its surfaces are deformed charts
     keeps_surfaces: bool  # whether the evaluation keeps them
+
+    @property
+    def image(self) -> str | None:
+        """The kind of image that it, or baselines beside it, take."""
 
     @property
     def inputs(self) -> Mapping[str, Any]:

@@ -10,8 +10,7 @@ from pipeline.engine.stage import DatasetJob
 from pipeline.kernels.metrics.cloud_distances import CloudDistances
 from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Figures
-from stages.evaluate.ground_truth import TestObjects, training_objects
-from stages.evaluate.measure import MeasuredCase, Protocol
+from stages.evaluate.measure import MeasuredCase, Protocol, TestObjects, training_objects
 from stages.evaluate.reconstructors import Case, Reconstructor
 from stages.evaluate.stage import SingleImageEvaluationSettings
 

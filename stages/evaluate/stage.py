@@ -12,7 +12,6 @@ import numpy as np
 from pydantic import AfterValidator, Field
 from rich.markup import escape
 
-from pipeline.config.manifest import SPLITS
 from pipeline.config.settings import Settings, setting
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.errors import unknown_name
@@ -199,8 +198,8 @@ class Evaluate(Evaluation):
         return tuple(dict.fromkeys(model_name(name, settings.training_seed) for name in settings.configurations))
 
     def splits(self, settings: EvaluationSettings) -> tuple[str, ...]:
-        """Name all: only test objects are measured, but baselines retrieve training objects, and Table 1 counts all."""
-        return SPLITS
+        """Name the split that is measured, and the one that baselines retrieve from."""
+        return ("train", "test")
 
     def writes(self, settings: EvaluationSettings) -> str:
         """Name the evaluation of a data directory; each training seed has its own."""

@@ -21,7 +21,7 @@ from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.hand_listing import list_hand
 from pipeline.formats.scene_file import load_scene
-from pipeline.kernels.geometry.normalise import DIAGONAL, POSITION, bounding_diagonal
+from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, POSITION, bounding_diagonal
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.vision.camera import Camera, project_points, projection_matrix

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.transforms import compose, invert_pose
+from pipeline.kernels.hand.distance_field import finger_clearance, gel_contact, gel_probes
 from pipeline.kernels.hand.grasp_closure import measure_contact
 from pipeline.kernels.hand.grasp_ik import GraspChoices, grasp_ik
 from pipeline.kernels.hand.grid_loops import gaps
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.load_residual import NO_SUPPORT, Support, best_supporting_grasp
-from pipeline.kernels.hand.object_distances import finger_clearance, gel_contact, gel_probes
 from pipeline.kernels.hand.pinches import WIDTH_STEP, AntipodalPoints, OpposedPostures, antipodal_points, central_weights, opposed_postures
 from pipeline.kernels.hand.pregrasp import frame_along
 from stages.simulate_grasps.grasp_search import Posture

@@ -156,7 +156,7 @@ class SimulateGrasps(ObjectStage):
 
     def describe_misfits(self, settings: GraspSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
         """Name links whose mass or inertia is estimated, gels inside their links, and objects that do not fit the hand."""
-        from pipeline.kernels.hand.buried_gels import buried_gels
+        from pipeline.kernels.hand.convex_shapes import buried_gels
         from pipeline.physics.hand_urdf import inertia_notes
         from stages.simulate_grasps.size_warnings import opening, size_warnings
 

@@ -7,9 +7,9 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.hand.distance_field import near_gaps
 from pipeline.kernels.hand.grasp_ik import fingers_fit, grasp_ik
 from pipeline.kernels.hand.kinematics import forward_kinematics
-from pipeline.kernels.hand.object_distances import near_gaps
 from pipeline.kernels.hand.pregrasp import tangent_palm_pose
 from stages.simulate_grasps.grasp_search import Posture
 from stages.simulate_grasps.prepare import CLEARANCE, PreparedHand, PreparedObject

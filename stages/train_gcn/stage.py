@@ -9,8 +9,7 @@ from pipeline.engine.trade import Trade
 from pipeline.kernels.charts.touch_chart import SIDE
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, SINGLE_IMAGE, NetworkConfig, Norm, Seams, TouchEdges
 from pipeline.store.directory import DataDirectory
-from pipeline.training.schedule import Schedule
-from pipeline.training.settings import ReconstructionSettings
+from pipeline.training.settings import ReconstructionSettings, Schedule
 from pipeline.training.training_stage import ReconstructionTraining
 
 if TYPE_CHECKING:
@@ -92,7 +91,7 @@ class TrainGcn(ReconstructionTraining):
 
     def grid(self, settings: GcnSettings) -> dict[str, tuple[Any, ...]]:
         """Give the grid of supplement 3.4; networks without an image have no encoder to vary."""
-        encoders = {"encoder_layers": (12, 15, 18)} if settings.named.image else {}
+        encoders = {"encoder_layers": (12, 15, 18)} if settings.inputs.image else {}
         rates, layers, features = (1e-4, 3e-5, 1e-5), (15, 20, 25), (150, 200, 250)
         return {"learning_rate": rates, **encoders, "gcn_layers": layers, "gcn_features": features}
 

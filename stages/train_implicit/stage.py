@@ -7,8 +7,7 @@ from pydantic import model_validator
 from pipeline.config.settings import setting
 from pipeline.engine.stage import Cost
 from pipeline.kernels.networks.network_configurations import IMPLICIT_CONFIGURATIONS, Norm
-from pipeline.training.schedule import Schedule
-from pipeline.training.settings import ReconstructionSettings
+from pipeline.training.settings import ReconstructionSettings, Schedule
 from pipeline.training.training_stage import ReconstructionTraining
 from schemas.distances import DISTANCES
 
@@ -76,7 +75,7 @@ class ImplicitSettings(ReconstructionSettings):
 
     @model_validator(mode="after")
     def _norm_of_any(self) -> "ImplicitSettings":
-        if self.named.image == "any" and self.encoder_norm == "batch" and self.devices > 1:
+        if self.inputs.image == "any" and self.encoder_norm == "batch" and self.devices > 1:
             raise ValueError("encoder_norm=batch needs an image of some item in each process, which implicit-any may not have; take group")
         return self
 
@@ -88,7 +87,7 @@ class ImplicitSettings(ReconstructionSettings):
     @property
     def touch_dropout(self) -> float:
         """The share of touch charts that is skipped."""
-        return (0.1 if self.named.image == "any" else 0.0) if self.dropped_touches is None else self.dropped_touches
+        return (0.1 if self.inputs.image == "any" else 0.0) if self.dropped_touches is None else self.dropped_touches
 
 
 class TrainImplicit(ReconstructionTraining):

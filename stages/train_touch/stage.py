@@ -4,8 +4,7 @@ from typing import Any, Literal
 
 from pipeline.config.settings import setting
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
-from pipeline.training.schedule import Schedule
-from pipeline.training.settings import TrainingSettings
+from pipeline.training.settings import Schedule, TrainingSettings
 from schemas.base import Artifact
 from schemas.presses import PRESSES
 

@@ -11,8 +11,7 @@ from pipeline.engine.trade import Trade
 from pipeline.errors import StageError
 from pipeline.rng import seeded_weights
 from pipeline.store.directory import DataDirectory
-from pipeline.training.schedule import Schedule
-from pipeline.training.settings import TrainingSettings
+from pipeline.training.settings import Schedule, TrainingSettings
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.touch import TOUCH

@@ -1,20 +1,15 @@
 """The measurements: rasterisers, the judge of hidden places, formats, tables, peers that do not run."""
 
-from __future__ import annotations
-
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 import trimesh
 
-from benchmarks import store, touch
+from benchmarks import store
 from benchmarks.depth import embree_depth, rasterised_depth
-from benchmarks.peers.taxim_shim import scatter_min
 from benchmarks.surfaces import sees_outside
-from benchmarks.timing import Table, Times, over_items, side_by_side, three_digits
+from benchmarks.timing import Table, Times, over_items, side_by_side
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.sensor import pixel_centres
@@ -88,12 +83,6 @@ def test_lossy_format_is_refused() -> None:
         store.compare(table, {store.OURS: (write, lambda folder: np.load(folder / "a.npz"))}, arrays, turns=1)
 
 
-def test_scatter_min_replacement_gives_the_minimum_per_index() -> None:
-    source, out = torch.tensor([[5.0, 1.0, 3.0]]), torch.full((1, 3), torch.inf)
-    least, _ = scatter_min(source, torch.tensor([2, 0, 2]), dim_size=3, out=out)
-    assert least.tolist() == [[1.0, torch.inf, 3.0]]
-
-
 def test_table_refuses_wrong_row_width_and_names_peers_that_could_not_run() -> None:
     table = Table("Title", ["ms", "÷"], ["a caption"])
     table.add("ours", "1", 1.5)
@@ -110,15 +99,6 @@ def test_table_refuses_wrong_row_width_and_names_peers_that_could_not_run() -> N
     assert text.index("`command` · commit") < text.index("| ours | 1 | 1.5 |") < text.index("- a caption")
 
 
-def test_tacto_reports_a_missing_environment_and_the_cause_of_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(touch, "TACTO", tmp_path / "python")
-    with pytest.raises(RuntimeError, match="missing; `make bench-peers`"):
-        touch.tacto([], SENSOR, 1)
-    monkeypatch.setattr(touch, "TACTO", Path(sys.executable))  # where TACTO is not installed
-    with pytest.raises(RuntimeError, match=r"status 1: .*No module named 'tacto'"):
-        touch.tacto([], SENSOR, 1)
-
-
 def test_times_are_measured_in_turns_after_warming_up() -> None:
     order: list[str] = []
     values = iter([9.0, 9.0, 1.0, 5.0, 3.0, 5.0, 2.0, 8.0])
@@ -131,10 +111,3 @@ def test_times_are_measured_in_turns_after_warming_up() -> None:
     assert order == ["a", "b"] * 4
     assert times == {"a": Times(1.0, 2.0), "b": Times(5.0, 5.0)}
     assert over_items(lambda n: sum(range(n)), [200_000, 200_000])() > 0
-
-
-@pytest.mark.parametrize(
-    ("value", "text"), [(0.012345, "0.0123"), (1.2345, "1.23"), (12.34, "12.3"), (1234.5, "1230"), (0.0, "0"), (1.2e-5, "1e-05")]
-)
-def test_numbers_are_printed_with_three_digits(value: float, text: str) -> None:
-    assert three_digits(value) == text

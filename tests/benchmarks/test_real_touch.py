@@ -1,7 +1,5 @@
 """The benchmark on photographs: its scores, its baselines on simulated photographs, and sets that are described."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any
@@ -14,7 +12,7 @@ from PIL import Image
 from benchmarks.real_touch import __main__ as command
 from benchmarks.real_touch.baselines import depth_of, look_up_table
 from benchmarks.real_touch.photograph_sets import SETS, PhotographSet, Press, SetDescription, read_sets
-from benchmarks.real_touch.scores import Reading, ball_footprint, ball_radius, mean_scores, score
+from benchmarks.real_touch.scores import Reading, ball_radius, mean_scores, score
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.sensor import resample
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
@@ -130,15 +128,3 @@ def test_radius_of_a_ball_is_fitted_in_the_footprint() -> None:
     noise = np.random.default_rng(0).normal(0, 0.002, depth.shape)
     assert ball_radius(depth + noise, squared < 6.0, SCALE) == pytest.approx(RADIUS, rel=0.02)
     assert ball_radius(0.5 * depth, squared < 6.0, SCALE) > 1.5 * RADIUS
-
-
-def test_radius_of_a_ball_is_fitted_in_the_contact_of_the_method() -> None:
-    rows, cols = np.indices((ROWS, COLS))
-    apart = np.hypot(cols - 30, rows - 25)
-    press = Press("ball", np.zeros((ROWS, COLS, 3), np.uint8), np.zeros((ROWS, COLS)), apart < 4, flat=False, absolute=False)
-    depth = np.zeros((ROWS, COLS))
-    assert ball_footprint(Reading(depth), press) is press.footprint
-    assert ball_footprint(Reading(depth, apart < 0), press) is press.footprint
-    read = ball_footprint(Reading(depth, apart < 20), press)
-    assert read.sum() == pytest.approx(0.85**2 * (apart < 20).sum(), rel=0.02)
-    assert read[25, 30]

@@ -1,7 +1,5 @@
 """Shipped descriptions with changed entries, for tests."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import yaml

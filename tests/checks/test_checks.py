@@ -1,7 +1,5 @@
 """`vt-pipeline check` of sensors, scenes and observations: faults are named, and a picture is drawn."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`vt-pipeline check` of a manifest reads every object: size, unit, faces, textures and faults."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pipeline.cluster.cluster_profile import ClusterProfile, load_cluster
-from pipeline.cluster.slurm_jobs import Job, Submission, plan_jobs
+from pipeline.cluster.slurm_jobs import ClusterProfile, Job, Submission, load_cluster, plan_jobs
 from stages.registry import STAGES, load_stage, resolve
 
 SHIPPED = load_cluster("slurm")

@@ -15,7 +15,7 @@ import typer
 import yaml
 
 from pipeline.cli import app
-from pipeline.cluster.cluster_profile import load_cluster
+from pipeline.cluster.slurm_jobs import load_cluster
 
 JOB: dict[str, Any] = yaml.safe_load((resources.files("pipeline") / "assets" / "kubernetes-job.yaml").read_text())
 (CONTAINER,) = JOB["spec"]["template"]["spec"]["containers"]

@@ -16,8 +16,7 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.cluster import slurm
-from pipeline.cluster.cluster_profile import load_cluster
-from pipeline.cluster.slurm_jobs import Job, dependency, script_of
+from pipeline.cluster.slurm_jobs import Job, dependency, load_cluster, script_of
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.store.storage import as_location

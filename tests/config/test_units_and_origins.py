@@ -1,18 +1,14 @@
 """A user's folder of meshes: units, up-axis, textures, files left out, and the placement that leads back to the file."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
-from PIL import Image
 
 from pipeline.cli import app
-from pipeline.config.manifest import Manifest, load_manifest
 from pipeline.console import abbreviate
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_reader import load_mesh
 from tests.test_cli import invoke
 
@@ -77,15 +73,6 @@ def test_file_with_a_unit_among_files_without_is_warned_of(folder: Path, tmp_pat
     assert "sizes are mixed" not in output
 
 
-def test_gltf_keeps_its_metres_and_its_up_axis(folder: Path) -> None:
-    (folder / "wedge.ply").unlink()
-    trimesh.Trimesh(CORNERS / 100, FACES, process=False).export(folder / "wedge.glb")
-    (item,) = load_manifest("directory").objects(folder)
-    assert (item.source["up"], item.source["metres_per_unit"]) == ("y", 1.0)
-    (item,) = load_manifest("directory").with_units("cm", "z").objects(folder)
-    assert (item.source["up"], item.source["metres_per_unit"]) == ("z", 0.01)
-
-
 def test_files_that_are_not_meshes_are_reported_with_the_reason(folder: Path, tmp_path: Path) -> None:
     (folder / "part.step").write_text("x")
     (tmp_path / "elsewhere").mkdir()
@@ -110,31 +97,3 @@ def test_missing_textures_are_stored_and_reported(folder: Path, tmp_path: Path) 
     assert f"warning: 1 object not read in full (bare); in bare: {abbreviate(unread)}" in output
     rows = ObjectRows(tmp_path / "d", ["unread"], None)
     assert [str(rows.read("unread", name)) for name in ("bare", "wedge")] == ["\n".join(unread), ""], "all of them are stored"
-
-
-def test_units_of_toy_objects_are_refused() -> None:
-    with pytest.raises(InvalidInput, match="manifest procedural names no mesh files, so units and an up-axis mean nothing"):
-        load_manifest("procedural").with_units("mm", None)
-
-
-def test_shapenets_layout_keeps_its_textures(tmp_path: Path) -> None:
-    """SYNSET/MODEL/models/model_normalized.obj names ../images/texture0.jpg, beside its folder."""
-    model = tmp_path / "02876657" / "abc"
-    (model / "models").mkdir(parents=True)
-    (model / "images").mkdir()
-    Image.fromarray(np.full((8, 8, 3), [200, 30, 30], np.uint8)).save(model / "images" / "texture0.jpg")
-    (model / "models" / "model_normalized.mtl").write_text("newmtl a\nKd 1 1 1\nmap_Kd ../images/texture0.jpg\n")
-    lines = [f"v {x} {y} {z}" for x, y, z in CORNERS] + ["vt 0 0", "vt 1 0", "vt 0 1"] + ["usemtl a"]
-    lines += [f"f {a + 1}/1 {b + 1}/2 {c + 1}/3" for a, b, c in FACES]
-    (model / "models" / "model_normalized.obj").write_text("\n".join(["mtllib model_normalized.mtl", *lines]))
-    manifest = {
-        "name": "nets",
-        "description": "d",
-        "seed": 0,
-        "splits": {"train": 1, "valid": 0, "test": 0},
-        "sources": [{"kind": "shapenet", "licence": "x", "up": "y", "synsets": {"bottle": "02876657"}}],
-    }
-    (item,) = Manifest.model_validate(json.loads(json.dumps(manifest))).objects(tmp_path)
-    look = load_mesh(Path(item.source["file"]), Path(item.source["root"])).look
-    assert len(look.textures) == 1
-    assert np.abs(look.textures[0][0, 0, :3].astype(int) - [200, 30, 30]).max() < 6

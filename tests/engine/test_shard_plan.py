@@ -163,9 +163,19 @@ def test_shards_with_different_settings_are_refused_until_all_are_made_again(tmp
 
 def test_another_number_of_shards_is_refused_with_a_remedy(tmp_path):
     run(request(tmp_path, shards=2))
-    with pytest.raises(StoreError, match=r"is split into 2 shards, 4 were asked for; .* another folder \(--data"):
+    with pytest.raises(StoreError, match=r"is split into 2 shards, 4 were asked for; .* --data FOLDER --reuse .* copies its rows"):
         run(request(tmp_path, shards=4))
     assert run(request(tmp_path)) == 0, "without --shards, the dataset's number"
+
+
+def test_dataset_in_another_number_of_shards_reuses_the_rows_of_another_directory(tmp_path):
+    items = objects(5, b="bad")
+    for stage in (MakeNoise(), TakeMean()):
+        run(request(tmp_path / "two", stage=stage, items=items, shards=2))
+        assert run(request(tmp_path / "four", stage=stage, items=items, shards=4, reuse=tmp_path / "two")) == 0
+    assert digest(tmp_path / "four") == digest(tmp_path / "two")
+    assert digest(tmp_path / "four", MEAN) == digest(tmp_path / "two", MEAN)
+    assert run(request(tmp_path / "other", settings={"samples": 9}, reuse=tmp_path / "two")) == 5, "rows with other keys are made"
 
 
 def test_changed_labels_of_an_input_are_copied_without_computing(tmp_path):

@@ -40,18 +40,18 @@ NOISE = Artifact(
     version=1,
     summary="Random numbers.",
     arrays={
-        "values": Array(("object", "sample", "xyz"), "float32", "m", "Noise."),
-        "label": Array(("object",), "string", "1", "A word."),
-        "reach": Array(("sample", "xyz"), "float64", "m", "The scale of the noise."),
+        "values": Array("object sample xyz", "float32", "m", "Noise."),
+        "label": Array("object", "string", "1", "A word."),
+        "reach": Array("sample xyz", "float64", "m", "The scale of the noise."),
         **coordinates("sensor"),
     },
-    ragged={"lists/numbers": Array(("number",), "int32", "1", "As many as the id is long.")},
+    ragged={"lists/numbers": Array("number", "int32", "1", "As many as the id is long.")},
 )
 MEAN = Artifact(
     name="mean",
     version=1,
     summary="Their means.",
-    arrays={"mean": Array(("object", "xyz"), "float64", "m", "The mean of `values`."), **coordinates("sensor")},
+    arrays={"mean": Array("object xyz", "float64", "m", "The mean of `values`."), **coordinates("sensor")},
 )
 
 
@@ -234,12 +234,12 @@ def leave_row(wanted: Request, name: str) -> None:
 
 def pack(wanted: Request, row: Callable[[Unit], Row], failed: str = "") -> None:
     """Publish the rows that a function gives for each object, without starting workers; `failed` names failed objects."""
-    plan = plan_of(wanted)
-    for unit in plan.units:
-        failure = Failure(stage=plan.stage.name, reason="no room") if unit.name in failed else None
-        values = {} if failure else conform(plan.output.artifact, row(unit))
-        plan.output.rows.save(Result(name=unit.name, key=unit.key, failure=failure), values, unit.category)
-    assert not plan.make(CONSOLE).objects
+    for plan in plans(wanted):
+        for unit in plan.units:
+            failure = Failure(stage=plan.stage.name, reason="no room") if unit.name in failed else None
+            values = {} if failure else conform(plan.output.artifact, row(unit))
+            plan.output.rows.save(Result(name=unit.name, key=unit.key, failure=failure), values, unit.category)
+        assert not plan.make(CONSOLE).objects
 
 
 def publish(data: Path, name: str, folder: Path, stage: str, facts: dict[str, Any] | None = None) -> Path:

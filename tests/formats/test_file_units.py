@@ -16,7 +16,6 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import stated_units
 from pipeline.formats.mesh_reader import load_mesh
 from pipeline.formats.urdf_shapes import shape_of
-from pipeline.kernels.geometry.normalise import normalise_mesh
 
 SIDES = (30.0, 20.0, 10.0)
 
@@ -101,14 +100,6 @@ def test_other_files_state_no_unit(tmp_path: Path) -> None:
     (tmp_path / "no.3mf").write_bytes(b"PK\3\4 no archive")
     os.mknod(tmp_path / "socket.dae", stat.S_IFSOCK | 0o600)
     assert {stated_units(tmp_path / name) for name in ("box.stl", "no.3mf", "socket.dae", "missing.dae")} == {(None, None)}
-
-
-def test_folder_of_collada_files_keeps_their_sizes(tmp_path: Path) -> None:
-    collada(tmp_path / "box.dae", "<unit meter='0.001'/>")
-    (item,) = load_manifest("directory").objects(tmp_path)
-    units = {"up": item.source["up"], "metres_per_unit": item.source["metres_per_unit"]}
-    mesh = normalise_mesh(load_mesh(tmp_path / "box.dae"), diagonal=0.5, **units)
-    np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), [0.03, 0.01, 0.02], atol=1e-9)  # y became z
 
 
 def test_urdf_scale_multiplies_the_unit_of_its_collada_file(tmp_path: Path) -> None:

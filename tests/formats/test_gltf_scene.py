@@ -135,15 +135,6 @@ def test_scene_that_is_shown_is_read_and_the_rest_is_counted(tmp_path: Path, ent
     assert mesh.unread == ((lost,) if left_out else ())
 
 
-def test_hidden_nodes_are_left_out_with_those_below_them(tmp_path: Path) -> None:
-    document = Gltf()
-    hidden = {"mesh": 0, "scale": [5, 1, 1], "children": [2], "extensions": {"KHR_node_visibility": {"visible": False}}}
-    nodes = [{"mesh": 0, "children": [1]}, hidden, {"mesh": 0, "scale": [1, 9, 1]}]
-    mesh = document.read(tmp_path, document.box(), nodes=nodes, extensionsUsed=["KHR_node_visibility"])
-    np.testing.assert_allclose(mesh.vertices, CORNERS)
-    assert "2 of its nodes" in mesh.unread[0]
-
-
 def test_points_and_lines_are_listed(tmp_path: Path) -> None:
     document = Gltf()
     lines = document.box() | {"mode": 1}
@@ -159,3 +150,12 @@ def test_instances_count_for_the_limit_of_faces(tmp_path: Path, monkeypatch: pyt
     node = {"mesh": 0, "extensions": {"EXT_mesh_gpu_instancing": {"attributes": places}}}
     with pytest.raises(InvalidInput, match="it has 24 faces, 20 are the most; decimate the mesh"):
         document.read(tmp_path, document.box(), nodes=[node])
+
+
+def test_hidden_nodes_are_left_out_with_those_below_them(tmp_path: Path) -> None:
+    document = Gltf()
+    hidden = {"mesh": 0, "scale": [5, 1, 1], "children": [2], "extensions": {"KHR_node_visibility": {"visible": False}}}
+    nodes = [{"mesh": 0, "children": [1]}, hidden, {"mesh": 0, "scale": [1, 9, 1]}]
+    mesh = document.read(tmp_path, document.box(), nodes=nodes, extensionsUsed=["KHR_node_visibility"])
+    np.testing.assert_allclose(mesh.vertices, CORNERS)
+    assert "2 of its nodes" in mesh.unread[0]

@@ -51,11 +51,6 @@ def test_hand_file_finds_links_and_joints_of_another_urdf_by_name(hand: Hand, tm
         ("link_3.0_tip", "link_7.0_tip", "'link_7.0_tip' is not moved by the joints of finger 'index'"),
         ("joint_4.0", "joint_0.0", "every moving joint must belong to one finger, or be frozen; this is not so for joint_0.0"),
         ("joint_0.0, ", "", "joint_0.0 belong to no finger; list them under a finger's joints, or freeze them: {joint_0.0: 0}"),
-        (
-            "fingers:",
-            "frozen: {joint_0.0: 9}\nfingers:",
-            "every moving joint must belong to one finger, or be frozen; this is not so for joint_0.0",
-        ),
         ("fingers:", "allowed_contacts: [[link_0.0, link_9]]\nfingers:", "there is no link 'link_9'"),
         ("fingers:", "convex_parts: {link_9: 3}\nfingers:", "there is no link 'link_9'"),
         ("normal: [1, 0, 0]", "normal: [0, 1, 0.1]", "and columns (0.0, 1.0, 0.0) are 5.7° apart; make it 90°"),
@@ -69,10 +64,7 @@ def test_hand_file_finds_links_and_joints_of_another_urdf_by_name(hand: Hand, tm
         ),
         ("joints: [joint_0.0,", "joints: [0,", "fingers.0.joints.0: it must be text (it is 0); put it in quotes"),
         ("joints: [joint_0.0,", "joints: [yes,", "fingers.0.joints.0: it must be text (it is True); put it in quotes"),
-        ("joints: [joint_0.0,", "joints: [null,", "fingers.0.joints.0: it must be text (it is null); put it in quotes"),
         ("joints: [joint_0.0,", "joints: [2026-01-01,", "it must be text (it is the date 2026-01-01); put it in quotes"),
-        ("fingers:", "frozen: {1.0: 0}\nfingers:", "frozen.1.0: it must be text (it is 1.0); put it in quotes"),
-        ("fingers:", "allowed_contacts: [[0, 1]]\nfingers:", "allowed_contacts.0.1: it must be text (it is 1); put it in quotes"),
         ("joints: [joint_0.0,", "joints: [[0],", "fingers.0.joints.0: it must be text. Its entries"),
         ("link: base_link", "link: link_99", "there is no link 'link_99'"),
         ("link: base_link", "link: link_0.0", "there is no moving joint 'joint_0.0'; there are joint_1.0, joint_2.0, joint_3.0"),
@@ -97,40 +89,27 @@ def test_rounded_directions_of_a_sensor_are_made_perpendicular(hand: Hand, tmp_p
     np.testing.assert_allclose(read, turn, atol=2e-3)
 
 
-def test_unknown_hand_is_refused_with_the_shipped_ones() -> None:
-    with pytest.raises(
-        InvalidInput, match="there is no hand 'shadow'; built in are allegro_left, allegro_right, two_finger_gripper, or give"
-    ):
-        load_hand("shadow")
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         (r'axis xyz="[^"]*"', 'axis xyz="0 0 0"', "has the axis 0 0 0"),
         (r'axis xyz="[^"]*"', 'axis xyz="nan 0 1"', "'nan 0 1'> must hold 3 finite numbers"),
         (r'upper="[^"]*"', 'upper="inf"', "<limit upper='inf'> must hold 1 finite numbers"),
-        (r'lower="[^"]*"', 'lower="nan"', "<limit lower='nan'> must hold 1 finite numbers"),
         (r'lower="[^"]*"', 'lower="9"', "the lower one must be the smaller"),
         (r'type="revolute"', 'type="planar"', "is of type 'planar'; supported are revolute"),
         (r'<parent link="[^"]*"', '<parent link="nowhere"', "has parent link 'nowhere'"),
         (r'<child link="[^"]*"', '<child link="base_link"', "are not a tree with one root"),
         (r'filename="[^"]*"', 'filename="nowhere.obj"', "nowhere.obj is not there"),
         (r'filename="[^"]*"', 'filename="odd.urdf"', "cannot be read"),
-        (r"</robot>", "", "not XML"),
         (r'mass value="[^"]*"', 'mass value="-0.1"', "link base_link has the mass -0.1 kg; give a positive one, or none"),
-        (r'mass value="[^"]*"', 'mass value="1 kg"', "<mass value='1 kg'> must hold 1 finite numbers"),
         (r'inertia ixx="[^"]*"', 'inertia ixx="nan"', "<inertia ixx='nan'> must hold 1 finite numbers"),
         (r"</robot>", '<link name="base_link"/></robot>', "it has 2 links called 'base_link'; rename all but one"),
-        (r"</robot>", '<joint name="joint_0.0"/></robot>', "it has 2 joints called 'joint_0.0'"),
         (r"<visual><origin", '<visual><origin rpy="0 0"', "'0 0'> must hold 3 finite numbers"),
         (r'<collision><origin xyz="[^"]*"', '<collision><origin xyz="0 0 1e999"', "must hold 3 finite numbers"),
-        (r'box size="[^"]*"', 'box size="1 2 zero"', "must hold 3 finite numbers"),
         (r'box size="[^"]*"', 'box size="1 2 0"', "give positive metres"),
         (r'box size="[^"]*"', 'box size="1 2 1e300"', "none beyond 1e+06"),
         (r'filename="[^"]*"', f'filename="{"x" * 300}.obj"', "is not there"),
         (r"<robot", '<!DOCTYPE x [<!ENTITY a "b">]><robot', "declares a document type or entities"),
-        (r"<robot", '<?xml version="1.0" encoding="odd"?><robot', "not XML"),
         (r"</robot>", "<link/>" * 1001 + "</robot>", "links, joints and shapes, 1000 are the most"),
         (r"</robot>", " " * 11_000_000 + "</robot>", "bytes; 10485760 are the most"),
     ],

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from pipeline.errors import InvalidInput
@@ -110,13 +109,3 @@ def test_files_that_cannot_be_read_are_refused(tmp_path: Path, lines: tuple[str,
 def test_fourth_coordinate_divides_the_others(tmp_path: Path) -> None:
     mesh = read(tmp_path, "4OFF", "4 2 0", "0 0 0 1", "2 0 0 2", "3 3 0 3", "0 1 0 1", *FACES)
     assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
-
-
-@pytest.mark.parametrize("first", range(4))
-def test_concave_polygon_is_not_filled(tmp_path: Path, first: int) -> None:
-    """A dart of area 1, whose corners are listed from any first one."""
-    dart = " ".join(str(number) for number in np.roll(range(4), first))
-    mesh = read(tmp_path, "OFF", "4 1 0", "0 0 0", "2 0 0", "0.5 0.5 0", "0 2 0", f"4 {dart} 220 20 20")
-    sides = np.diff(mesh.triangles, axis=1)
-    assert np.abs(np.cross(sides[:, 0], sides[:, 1])[:, 2]).sum() / 2 == pytest.approx(1)
-    assert colors(mesh) == [RED, RED]

@@ -116,13 +116,6 @@ def test_colours_are_read_under_every_name(tmp_path: Path, names: tuple[str, ...
     assert mesh.unread == ()
 
 
-def test_opacity_has_a_range_of_its_own(tmp_path: Path) -> None:
-    properties = ("float red", "float green", "float blue", "uchar alpha")
-    look = read(tmp_path, [f"{corner} 1 0 0.2 128" for corner in CORNERS], of_vertex=properties).look
-    assert look.vertex_color is not None
-    assert look.vertex_color.tolist() == [[255, 0, 51, 128]] * 4
-
-
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -219,20 +212,6 @@ def test_each_face_has_the_page_that_it_names(tmp_path: Path) -> None:
     assert missing.unread == ("none.png is missing below the folder of meshes",)
 
 
-def test_white_beside_a_texture_is_no_loss(tmp_path: Path) -> None:
-    """MeshLab writes it with every texture."""
-    of_face = (LIST, "list uchar float texcoord", "uchar red", "uchar green", "uchar blue")
-    mesh = read(tmp_path, faces=[f"{face}{UV} 255 255 255" for face in FACES], of_face=of_face, comments=PAGES[:1])
-    assert colors(mesh) == [RED, RED]
-    assert mesh.unread == ()
-
-
-def test_page_of_vertices_counts_for_their_faces(tmp_path: Path) -> None:
-    corners = [f"{corner} 0.5 0.5 1" for corner in CORNERS]
-    mesh = read(tmp_path, corners, of_vertex=("float u", "float v", "uchar texnumber"), comments=PAGES)
-    assert colors(mesh) == [BLUE, BLUE]
-
-
 def test_texture_coordinates_of_corners_stay_with_their_corners(tmp_path: Path) -> None:
     """A quad and a triangle share vertices, but not texture coordinates; a third face has none."""
     faces = ["4 0 1 2 3 8 0 0 1 0 1 1 0 1", "3 0 1 2 6 .5 .5 .25 .5 .5 .25", "3 0 1 2 0"]
@@ -262,3 +241,9 @@ def test_files_that_cannot_be_read_are_refused(tmp_path: Path, content: str, mes
     (tmp_path / "a.ply").write_text(content + "\n")
     with pytest.raises(InvalidInput, match=message):
         parse_mesh(tmp_path / "a.ply", tmp_path)
+
+
+def test_page_of_vertices_counts_for_their_faces(tmp_path: Path) -> None:
+    corners = [f"{corner} 0.5 0.5 1" for corner in CORNERS]
+    mesh = read(tmp_path, corners, of_vertex=("float u", "float v", "uchar texnumber"), comments=PAGES)
+    assert colors(mesh) == [BLUE, BLUE]

@@ -7,8 +7,9 @@ import pytest
 from PIL import Image
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.rendering_folder import read_renderings, write_renderings
+from pipeline.formats.rendering_folder import read_renderings
 from pipeline.kernels.vision.camera import Viewpoint
+from tools.synthetic_renderings import write_renderings
 
 IMAGES = np.random.default_rng(0).integers(0, 256, (24, 137, 137, 4), dtype=np.uint8)
 VIEWPOINTS = [Viewpoint(15.0 * number, 25.0 + number / 10, 0.0, 0.7) for number in range(24)]
@@ -50,11 +51,8 @@ def save_image(folder: Path, size: int, mode: str) -> None:
         (lambda folder: (folder / "rendering_metadata.txt").write_bytes(b"\xff"), "is not text"),
         (lambda folder: save_image(folder, 136, "RGBA"), r"07\.png has 136 x 136 pixels of RGBA; a rendering has 137 x 137 pixels of RGBA"),
         (lambda folder: save_image(folder, 137, "RGB"), "137 x 137 pixels of RGB;"),
-        (lambda folder: (folder / "07.png").write_bytes((folder / "07.png").read_bytes()[:500]), r"07\.png cannot be read as PNG"),
-        (
-            lambda folder: (folder / "07.png").write_text("no image"),
-            r"07\.png is no PNG file; download the model's renderings again",
-        ),  # no address
+        (lambda folder: (folder / "07.png").write_bytes((folder / "07.png").read_bytes()[:500]), r"07\.png cannot be read as an image"),
+        (lambda folder: (folder / "07.png").write_text("no image"), r"07\.png is no image that can be read; give a file in PNG"),
         (lambda folder: replace_line(folder, "1 95 0 0.7 25"), "has an elevation of 95 degrees; it must be from -90 to 90"),
     ],
 )

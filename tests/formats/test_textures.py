@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.formats.mesh_companions import Companions
 from pipeline.formats.mesh_file import parse_mesh
-from pipeline.formats.textures import Textures
 from pipeline.kernels.geometry.mesh import Mesh
 
 OBJ = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\nusemtl b\nf 1/1 2/2 4/3\n"
@@ -141,12 +139,3 @@ def test_texture_that_two_materials_use_keeps_its_alpha_for_the_one_that_says_so
     content = encoded(Image.new("RGBA", (4, 4), (200, 30, 30, 0)))
     mesh = painted(tmp_path, content, mtl="newmtl a\nmap_Kd a.png\nnewmtl b\nmap_Kd a.png\nmap_d a.png\n")
     assert [texture_of(mesh, name)[0, 0, 3] for name in "ab"] == [255, 0]
-
-
-def test_images_that_a_file_holds_are_decoded_or_listed_by_name(tmp_path: Path) -> None:
-    (tmp_path / "a.glb").write_bytes(b"glTF" + bytes([2, 0, 0, 0, 22, 0, 0, 0, 2, 0, 0, 0]) + b"JSON{}")
-    companions = Companions(tmp_path / "a.glb")
-    textures = Textures(companions)
-    assert textures.read("image 0", encoded(RED)).shape == (4, 4, 4)
-    assert textures.read("image 1", cut(NOISE, "PNG")) is textures.read("image 2", b"") is None
-    assert companions.unread == ["image 1 cannot be decoded: image file is truncated", "image 2 is an empty file"]

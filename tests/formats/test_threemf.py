@@ -10,7 +10,6 @@ import trimesh
 from PIL import Image
 
 from pipeline.errors import InvalidInput
-from pipeline.formats import threemf
 from pipeline.formats.file_units import stated_units
 from pipeline.formats.mesh_file import parse_mesh
 from pipeline.formats.mesh_parts import GREY
@@ -204,13 +203,6 @@ def test_packages_of_other_kinds_are_refused(tmp_path: Path, parts: dict[str, st
         parse_mesh(path, tmp_path)
 
 
-def test_number_of_components_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(threemf, "MAX_INSTANCES", 10)
-    resources = solid() + whole(2, *['objectid="1"'] * 3) + whole(3, *['objectid="2"'] * 3)
-    with pytest.raises(InvalidInput, match="it has 11 components, 10 are the most"):
-        read(tmp_path, resources, '<item objectid="3"/>')
-
-
 @pytest.mark.parametrize(
     ("resources", "expected"),
     [
@@ -260,8 +252,3 @@ def test_textures_are_read_or_said(tmp_path: Path) -> None:
     assert reason.startswith("/3D/bad.png ")
     clamped = read(tmp_path, textured("/3D/a.png", 'tilestyleu="clamp"', 1.5), **parts)
     assert clamped.unread == ("/3D/a.png is repeated where the file says clamp",)
-
-
-def test_colours_of_filaments_are_said(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.3mf", {MAIN: model(solid()), "Metadata/project_settings.config": '{"filament_colour": ["#FF0000"]}'})
-    assert parse_mesh(path, tmp_path).unread == ("colours of filaments (Metadata/project_settings.config) are not read",)

@@ -1,7 +1,5 @@
 """Saved networks load unchanged; invalid files give a clear error before memory is allocated."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -32,14 +30,11 @@ def module() -> torch.nn.Module:
 
 def test_saved_network_is_loaded_unchanged(tmp_path: Path) -> None:
     saved = module()
-    save_model(tmp_path, saved, {"width": 8})
+    save_model(tmp_path, saved, Width(width=8))
     loaded = load_network(tmp_path, module, "cpu")
     assert all(torch.equal(value, loaded.state_dict()[name]) for name, value in saved.state_dict().items())
     assert not loaded.training
     assert read_description(tmp_path, Width) == Width(width=8)
-
-
-def test_folder_without_a_network_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="no trained model"):
         load_network(tmp_path / "nowhere", module, "cpu")
     with pytest.raises(StoreError, match="no trained model"):
@@ -59,7 +54,7 @@ def test_folder_without_a_network_is_an_error(tmp_path: Path) -> None:
     ids=["empty", "cut", "header", "dtype", "shape", "json"],
 )
 def test_unreadable_weights_are_errors(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
-    save_model(tmp_path, module(), {})
+    save_model(tmp_path, module(), Width(width=8))
     weights = tmp_path / "model.safetensors"
     weights.write_bytes(damage(weights.read_bytes()))
     with pytest.raises(StoreError, match=r"no trained model that can be used \(model.safetensors"):

@@ -1,7 +1,5 @@
 """Reconstructions from no touch and from twenty touches, and observations that are refused."""
 
-from __future__ import annotations
-
 from unittest.mock import Mock
 
 import numpy as np
@@ -71,13 +69,6 @@ def test_observations_that_do_not_match_the_model_are_refused(models: dict[str, 
     ):
         with pytest.raises(ValueError, match=message):
             models[name].reconstruct(views)
-
-
-@pytest.mark.parametrize("value", [0, 255])
-def test_black_and_white_images_give_finite_surfaces(models: dict[str, Reconstructor], value: int) -> None:
-    size = spheres.CAMERA.resolution
-    (made,) = models["unoccluded"].reconstruct([Observation(np.full((size, size, 3), value, np.uint8))])
-    assert np.isfinite(made.vertices).all()
 
 
 def test_reconstruction_keeps_the_state_of_torchs_generator(models: dict[str, Reconstructor]) -> None:

@@ -1,7 +1,5 @@
 """Shipped weights: copied with a card from a data directory, found by `predict` without --models, an error if there are none."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 
@@ -36,7 +34,7 @@ from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset as spheres
 
 NETWORK = "implicit-any"
-OBJECTS = spheres.objects(3, ("train", "test"))
+TOY = ship_weights.load_manifest("toy")
 
 
 @pytest.fixture(scope="module")
@@ -52,27 +50,38 @@ def data(tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.fixture
-def shipped(data, tmp_path, monkeypatch) -> Path:
+MODULES = ("pipeline.models.shipped_weights", "pipeline.reconstruct.predict", "stages.evaluate.shipped", "benchmarks.ship_weights")
+
+
+@pytest.fixture(scope="module")
+def weights(data, tmp_path_factory) -> Path:
     """Ship the weights to a folder of their own, with a manifest in place of the balls', which have none."""
-    weights = tmp_path / "weights"
-    toy = ship_weights.load_manifest("toy")
-    tested = toy.sources[0].model_copy(update={"split": "test", "licence": "of objects to test on"})
-    manifest = toy.model_copy(update={"sources": (*toy.sources, tested)})
-    monkeypatch.setattr(ship_weights, "load_manifest", lambda name: manifest)
+    folder = tmp_path_factory.mktemp("shipped") / "weights"
+    tested = TOY.sources[0].model_copy(update={"split": "test", "licence": "of objects to test on"})
+    manifest = TOY.model_copy(update={"sources": (*TOY.sources, tested)})
     for old in ("implicit/old.json", "unet.json", "sensors/gelsight.card.yaml"):
-        (weights / old).parent.mkdir(parents=True, exist_ok=True)
-        (weights / old).write_text("old")
-    for module in ("pipeline.models.shipped_weights", "pipeline.reconstruct.predict", "stages.evaluate.shipped", "benchmarks.ship_weights"):
-        monkeypatch.setattr(f"{module}.SHIPPED", weights)
-    ship_weights.ship(data)
-    return weights
+        (folder / old).parent.mkdir(parents=True, exist_ok=True)
+        (folder / old).write_text("old")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ship_weights, "load_manifest", lambda name: manifest)
+        for module in MODULES:
+            patch.setattr(f"{module}.SHIPPED", folder)
+        ship_weights.ship(data)
+    return folder
+
+
+@pytest.fixture
+def shipped(weights, tmp_path, monkeypatch) -> Path:
+    folder = shutil.copytree(weights, tmp_path / "weights")
+    for module in MODULES:
+        monkeypatch.setattr(f"{module}.SHIPPED", folder)
+    return folder
 
 
 def test_shipped_network_has_a_card_with_sources_licences_and_errors_by_row_and_class(shipped):
     card = read_card(NETWORK, shipped)
     assert card.learned_from == {"toy": 2}
-    assert [source.licence for source in card.trained_on] == [source.licence for source in ship_weights.load_manifest("toy").sources[:-1]]
+    assert [source.licence for source in card.trained_on] == [source.licence for source in TOY.sources]
     assert {f"{NETWORK}-touch", f"{NETWORK}-occluded-touch", "training object, by touch"} <= card.errors.keys()
     of_all = card.errors[f"{NETWORK}-touch"]["all"]
     assert of_all.objects == 1

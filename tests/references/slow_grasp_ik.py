@@ -3,7 +3,6 @@
 import numpy as np
 
 from pipeline.kernels.hand import grasp_ik as constants
-from pipeline.kernels.hand import posture_samples
 from pipeline.kernels.hand.distance_field import DistanceField
 from pipeline.kernels.hand.grasp_ik import GraspIk
 from pipeline.kernels.hand.model import Hand
@@ -88,7 +87,7 @@ def slow_values(ik: GraspIk, field: DistanceField, frames: np.ndarray) -> tuple[
 def slow_grasp_ik(ik: GraspIk, field: DistanceField, pose: np.ndarray, *, rounds: int, rng: np.random.Generator) -> np.ndarray | None:
     """Joint angles (J,) that touch an object, as `grasp_ik` finds them."""
     hand, columns = ik.hand, [list(finger.joints) for finger in ik.hand.fingers]
-    margin = np.minimum(posture_samples.LIMIT_MARGIN, posture_samples.LIMIT_SHARE * (hand.upper - hand.lower))
+    margin = np.minimum(constants.LIMIT_MARGIN, constants.LIMIT_SHARE * (hand.upper - hand.lower))
     slides = [hand.joints[link - 1].kind == "prismatic" for link in hand.joint_links]
     size = np.where(slides, constants.STEP_SHARE * (hand.upper - hand.lower), constants.STEP)
     lines, rest = _best_samples(ik, field, pose)
@@ -122,7 +121,7 @@ def _best_samples(ik: GraspIk, field: DistanceField, pose: np.ndarray) -> tuple[
     distance = slow_distance(field, np.moveaxis(turned.sum(axis=1) + pose.astype(np.float32)[:3, 3, None, None, None], 0, -1))  # (K, S, P)
     excess = np.maximum(np.abs(distance.min(axis=-1) + near) - near, 0) / np.float32(1e-3)
     contact = (distance < 0).mean(axis=-1, dtype=np.float32) - excess
-    spread = np.linspace(0, len(ik.postures.joint_angles) - 1, posture_samples.EVEN_SAMPLES).astype(int)
+    spread = np.linspace(0, len(ik.postures.joint_angles) - 1, constants.EVEN_SAMPLES).astype(int)
     best, clearest = np.empty((2, max(constants.REFINED_POSTURES, constants.UNTOUCHING_POSTURES), len(hand.joint_names)))
     for f, finger in enumerate(hand.fingers):
         first = np.where(ik.postures.free[:, f], contact[:, list(finger.sensors)].sum(axis=1), -np.inf)

@@ -19,7 +19,7 @@ from pipeline.engine.unit import Unit
 from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.kernels.geometry.normalise import bounding_diagonal
+from pipeline.kernels.geometry.mesh_cleaning import bounding_diagonal
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.implicit_network import ImplicitNetwork
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, IMPLICIT_CONFIGURATIONS

@@ -13,7 +13,7 @@ from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.unit import Unit
 from pipeline.formats.hand_file import load_hand
-from pipeline.kernels.geometry.normalise import POSITION, bounding_diagonal
+from pipeline.kernels.geometry.mesh_cleaning import POSITION, bounding_diagonal
 from pipeline.kernels.vision.camera import project_points, projection_matrix
 from pipeline.models.families import load_reconstructor
 from pipeline.models.observation import Observation

@@ -14,7 +14,15 @@ from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
 from pipeline.errors import InvalidInput
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
-from pipeline.models.families import GRASP_CONFIGURATIONS, ROWS, inputs_of, load_reconstructor, model_name, trained_models
+from pipeline.models.families import (
+    GRASP_CONFIGURATIONS,
+    ROWS,
+    inputs_of,
+    load_reconstructor,
+    model_name,
+    reconstructor_type,
+    trained_models,
+)
 from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
@@ -54,8 +62,8 @@ def data(tmp_path_factory) -> Path:
 
 def test_training_draws_every_combination_of_inputs_and_validates_them_in_turn(data):
     settings = resolve("train-implicit", "draft", SETTINGS)
-    items = Items(data, "train", settings.named, 6, learned=TrainImplicit.arrays)
-    drawn = [items.drawn_view(0, 1, 5, torch_generator(0, n), dropped=settings.dropped_inputs) for n in range(200)]
+    items = Items(data, "train", settings.inputs, 6, learned=TrainImplicit.arrays)
+    drawn = [items.random_view(0, 1, 5, torch_generator(0, n), dropped=settings.dropped_inputs) for n in range(200)]
     given = {(seen.image is not None, bool(len(seen.touched))) for seen in drawn}
     assert given == {(False, False), (False, True), (True, False), (True, True)}
     assert {len(seen.touched) // spheres.SENSORS for seen in drawn} == {0, 1, 2, 3, 4, 5}
@@ -63,7 +71,7 @@ def test_training_draws_every_combination_of_inputs_and_validates_them_in_turn(d
     alone = items.rows.read("unoccluded", items.rows.object_ids[0], camera=0)
     assert 0.35 < np.mean([np.array_equal(image, alone) for image in shown]) < 0.65
     assert 0.1 < 1 - len(shown) / len(drawn) < 0.3
-    turns = [items.view_in_turn(item, 1, 5) for item in range(6)]
+    turns = [items.fixed_view(item, 1, 5) for item in range(6)]
     assert [(seen.image is not None, len(seen.touched)) for seen in turns] == [
         (way.image is not None, spheres.SENSORS if way.touch else 0) for way in INPUT_CHOICES.values()
     ]
@@ -74,9 +82,9 @@ def test_training_draws_every_combination_of_inputs_and_validates_them_in_turn(d
 
 def test_networks_with_fixed_inputs_draw_no_input_choices(data):
     settings = resolve("train-implicit", "draft", ["train-implicit.configuration=implicit-occluded-touch"])
-    items = Items(data, "train", settings.named, 1, learned=TrainImplicit.arrays)
+    items = Items(data, "train", settings.inputs, 1, learned=TrainImplicit.arrays)
     first, second = torch_generator(0, "a"), torch_generator(0, "a")
-    seen = items.drawn_view(0, 1, 5, first, dropped=settings.dropped_inputs)
+    seen = items.random_view(0, 1, 5, first, dropped=settings.dropped_inputs)
     count = int(torch.randint(1, 6, (), generator=second))
     torch.randperm(5, generator=second)
     assert len(seen.touched) == count * spheres.SENSORS
@@ -86,8 +94,8 @@ def test_networks_with_fixed_inputs_draw_no_input_choices(data):
 def test_half_of_the_items_with_image_and_touches_are_at_a_wrong_place_and_their_targets_with_them(data):
     """The balls' signed distances are still those of a ball, moved and scaled; items without an image or a touch stay where they are."""
     settings = resolve("train-implicit", "draft", (*SETTINGS, "train-implicit.placement_error=0.03"))
-    items = Items(data, "train", settings.named, 6, learned=TrainImplicit.arrays)
-    network = TrainImplicit.family.network_type(settings.network(items.side), torch_generator(0, "weights"))
+    items = Items(data, "train", settings.inputs, 6, learned=TrainImplicit.arrays)
+    network = reconstructor_type("implicit-any").network_type(settings.network(items.side), torch_generator(0, "weights"))
     learner, plain = (
         ImplicitLearner(network, items, items, chosen, 0) for chosen in (settings, settings.model_copy(update={"placement_error": 0.0}))
     )
@@ -144,7 +152,7 @@ def test_network_predicts_from_available_inputs_and_without_input(data, tmp_path
 def test_missing_images_do_not_affect_other_items_of_the_batch(data):
     model = load_reconstructor(NAME, DataDirectory(data).verified_folder(f"models/implicit/{NAME}"))
     items = Items(data, "test", model.config, 6, learned=TrainImplicit.arrays)
-    observations = [items.view_in_turn(item, 1, 5) for item in range(6)]
+    observations = [items.fixed_view(item, 1, 5) for item in range(6)]
     batch = model._batch(observations)
     queries = torch.rand(6, 30, 3, generator=torch.Generator().manual_seed(0)) * 0.4 + torch.tensor([-0.2, -0.2, 0.4])
     with torch.no_grad():
@@ -157,7 +165,7 @@ def test_missing_images_do_not_affect_other_items_of_the_batch(data):
 def test_step_without_images_gives_every_weight_a_gradient(data):
     """Processes that share a step wait for each of them."""
     settings = resolve("train-implicit", "draft", SETTINGS)
-    network = TrainImplicit().family.network_type(settings.network(spheres.SIDE), torch.Generator().manual_seed(0)).train()
+    network = reconstructor_type("implicit-any").network_type(settings.network(spheres.SIDE), torch.Generator().manual_seed(0)).train()
     none = {
         "images": None,
         "camera": None,

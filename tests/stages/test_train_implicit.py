@@ -178,7 +178,7 @@ def test_settings_without_effect_and_missing_grasps_are_named(data):
         settings = resolve("train-implicit", "draft", [f"train-implicit.{text}" for text in (f"configuration={configuration}", *stated)])
         return [
             line.split(maxsplit=1)[0] if "no effect" in line else line
-            for line in setting_remarks(settings, Items(data, "train", settings.named, 1, learned=TrainImplicit.arrays))
+            for line in setting_remarks(settings, Items(data, "train", settings.inputs, 1, learned=TrainImplicit.arrays))
         ]
 
     few = "items have at most 5 grasps, min_grasps is 1 and max_grasps 9: the dataset holds no more of an object (simulate-grasps.grasps)"

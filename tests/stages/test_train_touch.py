@@ -17,10 +17,9 @@ from pipeline.kernels.touch.pressed_gel import scaled_gel
 from pipeline.kernels.touch.sensor import Gel, resample
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 from pipeline.real_touch.train_sensor import save_sensor_network
-from stages.train_touch.learner import PressLearner, train_local_network
+from stages.train_touch.learner import PressLearner, train_local_network, vary_change
 from stages.train_touch.presses import Presses, random_presses
 from stages.train_touch.stage import TouchTrainingSettings
-from stages.train_touch.variation import vary_change
 
 SENSOR = resample(load_sensor("gelsight"), 36, 48).model_copy(update={"membrane": 0.0, "gel": Gel(modulus=1e5)})
 SETTINGS: dict[str, Any] = {"epochs": 20, "batch_size": 8, "window": 24, "width": 8, "learning_rate": 1e-2}

@@ -42,40 +42,24 @@ def mixed_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def strict_problems(data: Path) -> list[str]:
-    assert not any(problems_below(data).values())  # nothing is damaged
-    return [line for lines in problems_below(data, strict=True).values() for line in lines]
+def output(*command: str) -> tuple[int, str]:
+    result = CliRunner().invoke(app, [*command])
+    return result.exit_code, " ".join(result.output.split())
 
 
-def test_rows_record_their_processor_and_a_strict_check_reports_several_kinds(mixed_data: Path) -> None:
-    assert published(mixed_data).processors() == {HERE: 3, OTHER_KIND: 2}
-    (line,) = strict_problems(mixed_data)
-    assert "2 kinds of processors" in line
-    assert f"{HERE}: 3 rows; {OTHER_KIND}: 2 rows" in line
-    assert "run make-noise on one kind" in line
-
-
-def test_status_marks_several_kinds_and_only_strict_validation_fails(mixed_data: Path) -> None:
-    def output(*command: str) -> tuple[int, str]:
-        result = CliRunner().invoke(app, [*command, str(mixed_data)])
-        return result.exit_code, result.output
-
-    code, text = output("status")
-    assert (code, text.count("computed by several kinds of processors")) == (0, 1)
-    assert output("validate")[0] == 0
-    assert output("validate", "--strict")[0] == 1
-
-
-def test_one_kind_is_not_marked(tmp_path: Path) -> None:
-    run(request(tmp_path))
-    assert published(tmp_path).processors() == {HERE: 5}
-    assert strict_problems(tmp_path) == []
-
-
-def test_digests_do_not_depend_on_the_processor_and_reused_rows_keep_it(mixed_data: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_several_kinds_of_processors_are_marked_and_fail_a_strict_check_alone(mixed_data: Path, tmp_path_factory) -> None:
     other = tmp_path_factory.mktemp("alone")
     run(request(other))
+    assert published(other).processors() == {HERE: 5}
     assert digest(mixed_data) == digest(other)
+    assert output("validate", "--strict", str(other))[0] == 0
+    assert published(mixed_data).processors() == {HERE: 3, OTHER_KIND: 2}
+    code, text = output("status", str(mixed_data))
+    assert (code, text.count("computed by several kinds of processors")) == (0, 1)
+    assert output("validate", str(mixed_data))[0] == 0
+    code, text = output("validate", "--strict", str(mixed_data))
+    assert code == 1
+    assert f"2 kinds of processors ({HERE}: 3 rows; {OTHER_KIND}: 2 rows)" in text
     assert run(request(mixed_data, count=6)) == 1  # the other rows are packed again with their records
     assert published(mixed_data).processors() == {HERE: 4, OTHER_KIND: 2}
 
@@ -88,4 +72,4 @@ def test_rows_without_a_processor_take_that_of_their_shard(tmp_path: Path) -> No
         rows = [{name: value for name, value in row.items() if name != "processor"} for row in json.loads(path.read_bytes())["rows"]]
         path.write_bytes(resealed(path.read_bytes(), rows=rows, **({"processor": OTHER} if path == first else {})))
     assert published(tmp_path).processors() == {OTHER_KIND: counts[0], HERE: counts[1]}
-    assert len(strict_problems(tmp_path)) == 1
+    assert len([line for lines in problems_below(tmp_path, strict=True).values() for line in lines]) == 1

@@ -1,7 +1,5 @@
 """Furniture libraries: unpacked files, entries of the catalogue, and omissions."""
 
-from __future__ import annotations
-
 import csv
 import zipfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`tools/install.sh` installs missing packages once and reports those that it cannot install."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.config.objects import Object
+from pipeline.config.sources import Object
 from pipeline.tradeoff.sample import FEWEST, MOST, affordable, stratified
 
 OBJECTS = [Object(f"{kind}-{split}-{number:02d}", kind, {}, split) for kind in "abc" for split in ("train", "test") for number in range(20)]

@@ -1,7 +1,5 @@
 """A small learner with batch norm, randomness and a validation set: a line through noisy points."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Sequence

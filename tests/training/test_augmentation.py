@@ -1,7 +1,5 @@
 """Random variation of training items: as much as set, and none by default."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch
@@ -34,23 +32,15 @@ def test_augmentation_without_variation_draws_and_copies_nothing():
     assert torch.equal(generator.get_state(), before)
 
 
-def test_gain_and_shift_change_each_colour_uniformly_within_their_limits():
+def test_gain_shift_and_noise_change_images_as_much_as_set():
     for settings, reach in (({"image_gain": 0.2}, 20), ({"image_shift": 10.0}, 10)):
         levels = np.array([varied(seed, **settings)[0, 0] for seed in range(200)], int) - 100
-        assert np.abs(levels).max() <= reach
-        assert np.abs(levels).max() > 0.9 * reach
+        assert 0.9 * reach < np.abs(levels).max() <= reach
         assert abs(np.corrcoef(levels.T)[0, 1]) < 0.3, "each colour is drawn for itself"
         assert len(np.unique(varied(**settings).reshape(-1, 3), axis=0)) == 1
-
-
-def test_noise_is_drawn_per_pixel_with_the_set_standard_deviation():
     noise = varied(image_noise=5.0).astype(float) - 100
     assert noise.std() == pytest.approx(5, rel=0.05)
-    assert abs(noise.mean()) < 0.3
-
-
-def test_levels_stay_within_a_byte():
-    for level in (0, 255):
+    for level in (0, 255):  # levels do not wrap
         image = np.full((32, 32, 3), level, np.uint8)
         assert np.abs(varied(image=image, image_noise=30.0, image_shift=40.0).astype(int) - level).max() <= 40 + 6 * 30
 
@@ -75,7 +65,7 @@ def test_errors_of_the_place_have_the_set_deviation():
     assert np.std(np.log([place.scale for place in places])) == pytest.approx(0.03 / RADIUS, rel=0.1)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_misplaced_observation_shows_the_moved_points_with_its_camera(seed):
     """A blob at a point's pixel is, in the new image, at the pixel of the moved point; touches move with it, and the centre stays."""
     camera, place = projection_matrix(load_scene("supplement").camera), draw_misplacement(0.03, CENTRE, RADIUS, chance(seed))

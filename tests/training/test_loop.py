@@ -1,17 +1,16 @@
 """The training loop: resumable to the bit, seeded, and stopped by losses that no later step repairs."""
 
-from __future__ import annotations
-
 import multiprocessing
+import threading
 
 import pytest
 import torch
 
-from pipeline.errors import StageError
-from pipeline.training import checkpoint, loop
-from pipeline.training.loop import read_metrics
-from pipeline.training.schedule import rate_at
-from tests.training.regression import Regression, Scripted, fit, run
+from pipeline.errors import StoreError
+from pipeline.training import checkpoint
+from pipeline.training.loop import read_ahead, read_metrics
+from pipeline.training.settings import TrainingSettings
+from tests.training.regression import Regression, Scripted, fit, run, settings
 
 
 def same(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> bool:
@@ -39,30 +38,27 @@ def test_resumed_training_gives_the_weights_of_an_uninterrupted_one(tmp_path, ki
     assert read_metrics(tmp_path / "killed") == read_metrics(tmp_path / "whole")
 
 
-def test_finished_training_is_not_repeated(tmp_path):
-    first = run(tmp_path)
-    assert same(run(tmp_path), first)
-
-
-def test_weights_follow_from_the_seed_bit_for_bit(tmp_path):
-    first, again, other = (run(tmp_path / name, seed) for name, seed in (("a", 0), ("b", 0), ("c", 1)))
+def test_weights_follow_from_the_seed_and_a_finished_training_is_not_repeated(tmp_path):
+    first, again, other = (run(tmp_path / name, seed) for name, seed in (("a", 0), ("a", 0), ("c", 1)))
     assert same(first, again)
+    assert same(first, run(tmp_path / "b"))
     assert not same(first, other)
 
 
 def test_cosine_schedule_warms_up_over_a_twentieth_and_falls_to_zero():
-    rates = [rate_at(step, 200, "cosine") for step in range(200)]
-    assert rates[:10] == pytest.approx([0.1 * (step + 1) for step in range(10)])
-    assert rates[10] == 1
-    assert rates[105] == pytest.approx(0.5)
+    cosine, constant = (settings(learning_rate=0.5, schedule=schedule) for schedule in ("cosine", "constant"))
+    rates = [cosine.rate_at(step, 200) for step in range(200)]
+    assert rates[:10] == pytest.approx([0.05 * (step + 1) for step in range(10)])
+    assert rates[10] == 0.5
+    assert rates[105] == pytest.approx(0.25)
     assert 0 < rates[-1] < 1e-3
     assert rates[10:] == sorted(rates[10:], reverse=True)
-    assert [rate_at(step, 3, "cosine") for step in range(3)] == pytest.approx([1, 1, 0.5])
-    assert {rate_at(step, 9, "constant") for step in range(9)} == {1.0}
+    assert [cosine.rate_at(step, 3) for step in range(3)] == pytest.approx([0.5, 0.5, 0.25])
+    assert {constant.rate_at(step, 9) for step in range(9)} == {0.5}
 
 
 def test_each_step_uses_its_learning_rate(tmp_path, monkeypatch):
-    monkeypatch.setattr(loop, "rate_at", lambda step, steps, schedule: {(0, 1, "cosine"): 0.25}[step, steps, schedule])
+    monkeypatch.setattr(TrainingSettings, "rate_at", lambda self, step, steps: {(0, 1): 0.25 * self.learning_rate}[step, steps])
     learner = Regression(plain=True)
     before = [parameter.detach().clone() for parameter in learner.network.parameters()]
     fit(learner, tmp_path, epochs=1, batch_size=48, learning_rate=0.01, schedule="cosine")
@@ -108,24 +104,49 @@ def test_patience_ends_a_training(tmp_path):
     assert (facts["best_epoch"], facts["epochs"]) == (1, 4)
 
 
-def test_loss_that_is_nan_stops_and_names_its_batch(tmp_path):
-    with pytest.raises(StageError, match=r"loss is nan .*, in epoch 1, step \d; lower learning_rate .* its batch: .*point-17\b"):
-        fit(Regression(poison=17), tmp_path)
+def test_one_part_is_read_ahead_and_errors_are_raised_in_order():
+    read = []
+
+    def note(part):
+        read.append(part)
+        if part == 2:
+            raise StoreError("gone")
+        return part
+
+    parts = read_ahead(note, range(9))
+    assert [next(parts)[1]() for _ in range(2)] == [0, 1]
+    content = next(parts)[1]
+    with pytest.raises(StoreError, match="gone"):
+        content()
+    parts.close()
+    assert read in ([0, 1, 2], [0, 1, 2, 3])
+    assert not list(read_ahead(int, []))
 
 
-def test_loss_beyond_the_explosion_limit_stops(tmp_path):
-    with pytest.raises(StageError, match=r"loss is 10001 \(limit 10000\), in epoch 2, step 1; lower .* its batch: point-"):
-        fit(Scripted(training=[1.0, 10001.0]), tmp_path)
+class Waiting(Regression):
+    """Learns from a batch when the reading of the next one has begun."""
+
+    def __init__(self):
+        super().__init__(plain=True)
+        self.begun, self.threads = threading.Semaphore(0), set()
+
+    def read(self, items, generators):
+        self.threads.add(threading.current_thread().name)
+        self.begun.release()
+        return super().read(items, generators)
+
+    def loss(self, network, batch):
+        last = self.steps % 6 == 5  # of 6 batches of an epoch
+        assert self.begun.acquire(timeout=20)
+        if not last:
+            assert self.begun.acquire(timeout=20)
+            self.begun.release()
+        return super().loss(network, batch)
 
 
-def test_missing_device_is_a_stage_error(tmp_path):
-    if torch.cuda.is_available():
-        pytest.skip("there is one")
-    with pytest.raises(StageError, match="accelerator cuda"):
-        fit(Regression(), tmp_path, accelerator="cuda")
-
-
-@pytest.mark.slow
-def test_error_of_one_of_two_processes_is_a_stage_error(tmp_path):
-    with pytest.raises(StageError, match=r"loss is nan .* in epoch 1.*point-"):
-        fit(Regression(poison=17), tmp_path, devices=2)
+def test_training_with_read_ahead_has_the_losses_of_one_without(tmp_path):
+    waiting = Waiting()
+    fit(waiting, tmp_path / "ahead", epochs=2)
+    fit(Regression(plain=True), tmp_path / "plain", epochs=2)
+    assert threading.main_thread().name not in waiting.threads
+    assert read_metrics(tmp_path / "ahead") == read_metrics(tmp_path / "plain")

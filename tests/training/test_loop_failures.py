@@ -1,19 +1,21 @@
-"""Errors of a training, with the items that caused them."""
-
-from __future__ import annotations
+"""Trainings that stop with an error: losses from which no later step recovers, kernels and readers that fail."""
 
 import math
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 from torch import Tensor
 from torch.multiprocessing.spawn import ProcessRaisedException
 
-from pipeline.errors import StageError
+from pipeline.errors import StageError, StoreError
 from pipeline.kernels.metrics.chamfer import chamfer
+from pipeline.training.device import torch_threads
 from pipeline.training.loop import read_metrics
-from tests.training.regression import Batch, Regression, fit, settings
+from tests.training.regression import Batch, Regression, Scripted, fit, settings
 
 
 class Perfect(Regression):
@@ -52,46 +54,21 @@ class Refused(Regression):
         return chamfer(torch.zeros(1, 3), torch.full((1, 3), math.nan if self.where == where else 0.0))
 
 
-class Unmeasured(Regression):
-    """Learner whose validation loss is NaN."""
+class Unreadable(Regression):
+    """An item's chunk is damaged."""
 
-    def validate(self, network: torch.nn.Module) -> dict[str, float]:
-        return {"loss": math.nan}
+    def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
+        if 17 in items:
+            raise StoreError("readings of point-17 cannot be read")
+        return super().read(items, generators)
 
 
 class Few(Regression):
     """Learner with a set number of items."""
 
-    def __init__(self, count: int, plain: bool = False) -> None:
-        super().__init__(plain=plain)
+    def __init__(self, count: int) -> None:
+        super().__init__(plain=True)
         self.x = self.x[:count]
-
-
-def test_training_without_items_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(StageError, match="regression: there are no items to train on"):
-        fit(Few(0), tmp_path)
-
-
-def test_training_on_one_item_works(tmp_path: Path) -> None:
-    facts = fit(Few(1, plain=True), tmp_path, epochs=2)
-    assert (facts["items"], facts["epochs"]) == (1, 2)
-
-
-def test_finite_loss_after_an_epoch_of_zero_loss_is_accepted(tmp_path: Path) -> None:
-    fit(Perfect(later=0.5), tmp_path, epochs=2)
-    assert [row["train_loss"] for row in read_metrics(tmp_path)] == [0, 0.5]
-
-
-def test_gradient_that_is_not_finite_stops_the_training(tmp_path: Path) -> None:
-    with pytest.raises(
-        StageError, match=r"the gradient's norm is nan \(limit inf\), in epoch 1, step 1; look at the items of its batch: point-"
-    ):
-        fit(Steep(plain=True), tmp_path)
-
-
-def test_validation_loss_that_is_not_finite_stops_the_training(tmp_path: Path) -> None:
-    with pytest.raises(StageError, match="validation loss of epoch 1 is nan; lower learning_rate"):
-        fit(Unmeasured(plain=True), tmp_path)
 
 
 class Raising(Regression):
@@ -103,6 +80,44 @@ class Raising(Regression):
 
     def validate(self, network: torch.nn.Module) -> dict[str, float]:
         raise self.error from KeyError("the cause")
+
+
+@pytest.mark.parametrize(
+    ("learner", "changes", "error", "message"),
+    [
+        (Few(0), {}, StageError, "there are no items to train on"),
+        (Regression(poison=17), {}, StageError, r"loss is nan .*, in epoch 1, step \d; lower learning_rate .* its batch: .*point-17\b"),
+        (Scripted([1.0, 10001.0]), {}, StageError, r"loss is 10001 \(limit 10000\), in epoch 2, step 1; lower .* its batch: point-"),
+        (Scripted(validation=[math.nan]), {}, StageError, "validation loss of epoch 1 is nan"),
+        (Steep(plain=True), {}, StageError, r"gradient's norm is nan \(limit inf\), in epoch 1, step 1; look at the items of its batch"),
+        (Refused("loss"), {}, StageError, r"NaN.*, in epoch 1, step 1; look at the items of its batch: point-"),
+        (Refused("validation"), {}, StageError, "the validation of epoch 1 failed: .*NaN"),
+        (Unreadable(), {}, StoreError, "readings of point-17 cannot be read"),
+        pytest.param(Regression(poison=17), {"devices": 2}, StageError, r"loss is nan .* in epoch 1.*point-", marks=pytest.mark.slow),
+    ],
+)
+def test_training_stops_and_names_the_reason(
+    tmp_path: Path, learner: Regression, changes: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        fit(learner, tmp_path, **changes)
+
+
+def test_missing_device_is_an_error(tmp_path: Path) -> None:
+    if torch.cuda.is_available():
+        pytest.skip("there is one")
+    with pytest.raises(StageError, match="accelerator cuda"):
+        fit(Regression(), tmp_path, accelerator="cuda")
+
+
+def test_training_on_one_item_works(tmp_path: Path) -> None:
+    facts = fit(Few(1), tmp_path, epochs=2)
+    assert (facts["items"], facts["epochs"]) == (1, 2)
+
+
+def test_finite_loss_after_an_epoch_of_zero_loss_is_accepted(tmp_path: Path) -> None:
+    fit(Perfect(later=0.5), tmp_path, epochs=2)
+    assert [row["train_loss"] for row in read_metrics(tmp_path)] == [0, 0.5]
 
 
 @pytest.mark.parametrize(
@@ -122,13 +137,10 @@ def test_unexpected_error_in_one_of_several_processes_keeps_its_traceback(tmp_pa
         fit(Raising(ValueError("of\ntwo lines")), tmp_path, devices=2)
 
 
-@pytest.mark.parametrize(
-    ("where", "message"),
-    [
-        ("loss", r"NaN.*, in epoch 1, step 1; look at the items of its batch: point-"),
-        ("validation", "the validation of epoch 1 failed: .*NaN"),
-    ],
-)
-def test_error_of_a_kernel_stops_the_training_and_names_the_items(tmp_path: Path, where: str, message: str) -> None:
-    with pytest.raises(StageError, match=message):
-        fit(Refused(where), tmp_path)
+def test_number_of_threads_is_restored_after_an_error() -> None:
+    before, inside = torch.get_num_threads(), []
+    with suppress(ZeroDivisionError), torch_threads(before + 1):
+        inside.append(torch.get_num_threads())
+        raise ZeroDivisionError
+    assert inside == [before + 1]
+    assert torch.get_num_threads() == before

@@ -1,7 +1,5 @@
 """Trainings of several processes: the losses of one, a clear error when one is killed, and no process left running."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import stat
@@ -36,14 +34,33 @@ def assert_same_curves(one: Path, two: Path) -> None:
         assert double == pytest.approx(single, rel=1e-6)
 
 
-@pytest.mark.slow
-def test_three_processes_have_the_losses_of_one_with_uneven_or_empty_parts(tmp_path: Path) -> None:
-    learners = [Regression(), Regression()]
-    for learner, devices in zip(learners, (1, 3), strict=True):  # 48 items: parts of 16, 15 and 15, then of 1, 1 and none
-        facts = fit(learner, tmp_path / str(devices), devices=devices, batch_size=46, epochs=3, **EXACT)
-        assert facts["hardware"]["processes"] == devices
+class Guarded(Regression):
+    """In the processes that are started for it: whatever is unpickled from another process, or heard on the network, is an error."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        distributed_c10d._tensor_to_object = None  # type: ignore[assignment]
+
+    def validate(self, network: nn.Module) -> dict[str, float]:
+        heard = {one.laddr.ip for one in psutil.Process().net_connections("tcp") if one.status == psutil.CONN_LISTEN}
+        if heard - {"127.0.0.1", "::1"}:
+            raise StageError(f"listens on {heard}")
+        if (mode := stat.S_IMODE(os.stat(tempfile.gettempdir()).st_mode)) != 0o700:  # torch unpickles a file from there
+            raise StageError(f"files for all users in {tempfile.gettempdir()}, {mode:o}")
+        return super().validate(network)
+
+
+@pytest.mark.parametrize("devices", [2, pytest.param(3, marks=pytest.mark.slow)])
+def test_processes_have_the_losses_of_one_and_keep_to_themselves(tmp_path: Path, devices: int) -> None:
+    """Parts of 48 items are uneven or, of three, empty; processes reject pickles, listen locally and keep their files private."""
+    before = os.environ.get("TMPDIR"), tempfile.gettempdir()
+    learners = [Regression(), Guarded()]
+    for learner, count in zip(learners, (1, devices), strict=True):
+        facts = fit(learner, tmp_path / str(count), devices=count, batch_size=46 if devices == 3 else 7, epochs=2, **EXACT)
+        assert facts["hardware"]["processes"] == count
         assert len(facts["hardware"]["processors"]) == 1
-    assert_same_curves(tmp_path / "1", tmp_path / "3")
+    assert (os.environ.get("TMPDIR"), tempfile.gettempdir()) == before
+    assert_same_curves(tmp_path / "1", tmp_path / str(devices))
     weights = [learner.network.state_dict() for learner in learners]
     assert weights[0].keys() == weights[1].keys()
     for name, value in weights[0].items():
@@ -62,9 +79,8 @@ GCN = {"configuration": "occluded-touch", "gcn_layers": 3, "gcn_features": 12, "
 GCN |= {"samples_per_object": 3, "validation_items": 2, "epochs": 2, "batch_size": 5}
 
 
-@pytest.mark.parametrize(
-    ("stage", "values"), [pytest.param(TrainUnet(), UNET, marks=pytest.mark.slow), (TrainGcn(), GCN)], ids=["unet", "gcn"]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("stage", "values"), [(TrainUnet(), UNET), (TrainGcn(), GCN)], ids=["unet", "gcn"])
 def test_two_processes_have_the_losses_of_one_with_batch_norm(
     balls: Path, tmp_path: Path, stage: DatasetStage, values: dict[str, Any]
 ) -> None:
@@ -89,29 +105,7 @@ def test_killed_process_ends_the_training_which_resumes_to_the_same_weights(tmp_
 
 
 def test_more_devices_than_gpus_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipeline.training.processes.device_of", torch.device)
+    monkeypatch.setattr("pipeline.training.fabric.device_of", torch.device)
     monkeypatch.setattr("lightning_fabric.accelerators.cuda.num_cuda_devices", lambda: 1)
     with pytest.raises(StageError, match=r"accelerator cuda, 2 devices, 32-true: .*\[0, 1\]"):
         fit(Regression(), tmp_path, accelerator="cuda", devices=2)
-
-
-class Guarded(Regression):
-    """In the processes that are started for it: whatever is unpickled from another process, or heard on the network, is an error."""
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        distributed_c10d._tensor_to_object = None  # type: ignore[assignment]
-
-    def validate(self, network: nn.Module) -> dict[str, float]:
-        heard = {one.laddr.ip for one in psutil.Process().net_connections("tcp") if one.status == psutil.CONN_LISTEN}
-        if heard - {"127.0.0.1", "::1"}:
-            raise StageError(f"listens on {heard}")
-        if (mode := stat.S_IMODE(os.stat(tempfile.gettempdir()).st_mode)) != 0o700:  # torch unpickles a file from there
-            raise StageError(f"files for all users in {tempfile.gettempdir()}, {mode:o}")
-        return super().validate(network)
-
-
-def test_processes_reject_pickles_listen_locally_and_keep_their_files_private(tmp_path: Path) -> None:
-    before = os.environ.get("TMPDIR"), tempfile.gettempdir()
-    fit(Guarded(), tmp_path, devices=2, epochs=1)
-    assert (os.environ.get("TMPDIR"), tempfile.gettempdir()) == before

@@ -1,7 +1,5 @@
 """A training of several processes that is stopped leaves none of them."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

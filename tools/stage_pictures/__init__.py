@@ -45,13 +45,7 @@ PICTURES: dict[str, tuple[Callable[[Subject, Path], None], str]] = {
 
 
 def draw_stages(data: Location, folder: Path, object_id: str | None = None) -> None:
-    """Draw the picture of each stage that a dataset has been through into `folder`, as STAGE.webp: of an object, or of the clearest.
-
-    Raises
-    ------
-    StoreError
-        The dataset has neither renderings nor grasps and what is made of them.
-    """
+    """Draw the picture of each stage that a dataset has been through into `folder`, as STAGE.webp: of an object, or of the clearest."""
     directory = DataDirectory(data)
     if directory.collection(RENDERINGS).shards:
         draw_renderings(directory, folder / "read-renderings.webp")

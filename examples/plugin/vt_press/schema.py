@@ -7,5 +7,5 @@ PRESS = Artifact(
     stage="measure-press",
     version=1,
     summary="How deep each touch presses into the gel.",
-    arrays={**coordinates("grasp", "sensor"), "press": Array(("object", "grasp", "sensor"), "float32", "m", "Greatest depth in the gel.")},
+    arrays={**coordinates("grasp", "sensor"), "press": Array("object grasp sensor", "float32", "m", "Greatest depth in the gel.")},
 )

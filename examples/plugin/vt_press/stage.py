@@ -1,10 +1,5 @@
 """`measure-press`: measure how deep each touch presses into the gel."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from pathlib import Path
 from typing import ClassVar
 
 from pipeline.config.settings import ObjectSettings, setting
@@ -43,12 +38,7 @@ class MeasurePress(ObjectStage):
         """Estimate time and size per object."""
         return Cost(seconds=0.01, kilobytes=1)
 
-    @contextmanager
-    def session(self, settings: PressSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
-        """Yield the function that processes an object."""
-
-        def process(unit: Unit, inputs: Inputs) -> Row:
-            touch = inputs["touch"]
-            return {"press": deepest(touch["depth"], touch_sensor(touch.attributes).w, settings.least)}
-
-        yield process
+    def process(self, unit: Unit, inputs: Inputs, settings: PressSettings) -> Row:
+        """Make an object's row."""
+        touch = inputs["touch"]
+        return {"press": deepest(touch["depth"], touch_sensor(touch.attributes).w, settings.least)}

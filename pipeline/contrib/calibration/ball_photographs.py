@@ -1,7 +1,5 @@
 """Read photographs of a ball in a sensor's gel, and find their contacts."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math
@@ -30,36 +28,18 @@ MIN_PHOTOGRAPHS = 4
 
 
 def read_photographs(
-    folder: Path, untouched_path: Path, *, row_scale: float | None = None, accept_photographs: bool = False
-) -> tuple[list[Photograph], NDArray[np.uint8], dict[str, str]]:
-    """Read photographs, and detect their contacts.
-
-    Parameters
-    ----------
-    folder
-        Image files, in it and in folders below it, and perhaps a file `CIRCLES`.
-    untouched_path
-        The photograph with nothing in the gel; it may lie in the folder.
-    row_scale
-        Height over width of a pixel. By default pixels are square, and it is an error if contacts are not round.
-    accept_photographs
-        Whether to use photographs that look altered as a whole beside the untouched one, which is an error otherwise.
-
-    Returns
-    -------
-    The usable photographs, sorted by name; the untouched one; and why others are left out, by name.
-
-    Raises
-    ------
-    InvalidInput
-        The folder does not exist, the untouched photograph or `CIRCLES` cannot be read, `CIRCLES` names another file, photographs look
-        altered, or fewer than `MIN_PHOTOGRAPHS` can be used.
-    """
+    folder: Path,  # image files, in it and in folders below it, and perhaps a file `CIRCLES`
+    untouched_path: Path,  # the photograph with nothing in the gel; it may lie in the folder
+    *,
+    row_scale: float | None = None,  # height over width of a pixel; by default pixels are square, and contacts must be round
+    accept_photographs: bool = False,  # use photographs that look altered as a whole beside the untouched one; else they are errors
+) -> tuple[list[Photograph], NDArray[np.uint8], dict[str, str]]:  # sorted by name; the untouched one; why others are unusable, by name
+    """Read photographs, and detect their contacts."""
     if not folder.is_dir():
         raise InvalidInput(f"folder {folder} does not exist; give one with photographs of a ball in the gel")
     untouched, circles = read_image(untouched_path), _read_circles(folder / CIRCLES)
     photographs: list[Photograph] = []
-    left_out: dict[str, str] = {}
+    unusable: dict[str, str] = {}
     altered: list[str] = []
     for path in image_files(folder.rglob("*"), untouched_path):
         name = path.relative_to(folder).as_posix()
@@ -70,18 +50,18 @@ def read_photographs(
                 continue
             photographs.append(Photograph(name, image, _contact(image, untouched, circles.get(name), row_scale or 1.0)))
         except InvalidInput as error:
-            left_out[name] = str(error)
+            unusable[name] = str(error)
     stop_at(altered)
-    if unknown := sorted(circles.keys() - left_out.keys() - {photograph.name for photograph in photographs}):
+    if unknown := sorted(circles.keys() - unusable.keys() - {photograph.name for photograph in photographs}):
         raise InvalidInput(
             f"{folder / CIRCLES} names {unknown[0]}, which is not a photograph in {folder}; correct its name, or remove the line"
         )
     if len(photographs) < MIN_PHOTOGRAPHS:
-        causes = reasons(left_out) or "it holds no others"
+        causes = reasons(unusable) or "it holds no others"
         raise InvalidInput(f"{folder} has {pluralise(len(photographs), 'usable photograph')}, {MIN_PHOTOGRAPHS} are needed; {causes}")
     if row_scale is None:
         _check_roundness(photographs, untouched)
-    return photographs, untouched, left_out
+    return photographs, untouched, unusable
 
 
 def _check_roundness(photographs: list[Photograph], untouched: NDArray[np.uint8]) -> None:
@@ -123,9 +103,9 @@ def _stretched(image: NDArray[np.uint8], row_scale: float) -> NDArray[np.uint8]:
     return np.asarray(Image.fromarray(image).resize((cols, round(rows * row_scale)), Image.Resampling.BILINEAR))
 
 
-def reasons(left_out: dict[str, str]) -> str:
-    """Write on one line why photographs are left out."""
-    return "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
+def reasons(unusable: dict[str, str]) -> str:
+    """Write on one line why photographs cannot be used."""
+    return "; ".join(f"{name}: {reason}" for name, reason in unusable.items())
 
 
 def _read_circles(path: Path) -> dict[str, Circle]:

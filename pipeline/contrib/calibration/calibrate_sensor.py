@@ -1,7 +1,5 @@
 """Calibrate a sensor from photographs of a ball in its gel, and write its file."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,7 +31,7 @@ SHOWN_PHOTOGRAPHS, GAIN = 3, 4
 
 @dataclass(frozen=True)
 class ImageErrors:
-    """Hold the mean errors of the model and of the untouched photograph, levels of 255, in a contact and in the ring around it."""
+    """Mean errors of the model and of the untouched photograph, levels of 255, in a contact and in the ring around it."""
 
     name: str
     contact: float
@@ -44,28 +42,14 @@ class ImageErrors:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResult:
-    """Hold a calibrated sensor, and the errors of one fitted to half of the photographs.
+    """A calibrated sensor, and the errors of one fitted to half of the photographs."""
 
-    Attributes
-    ----------
-    fit
-        The fit to all photographs, which is written.
-    half
-        The fit to every second photograph, from which the errors are computed.
-    photographs
-        All that were used; the odd ones are held out from `half`.
-    fitted_errors, tested_errors
-        Errors of `half` on the photographs that it was fitted to, and on the others.
-    left_out
-        Why other photographs are not used, by name.
-    """
-
-    fit: ColourFit
-    half: ColourFit
-    photographs: list[Photograph]
-    fitted_errors: list[ImageErrors]
-    tested_errors: list[ImageErrors]
-    left_out: dict[str, str]
+    fit: ColourFit  # to all photographs, which is written
+    half: ColourFit  # to every second photograph
+    photographs: list[Photograph]  # all that were used; the odd ones are held out from `half`
+    fitted_errors: list[ImageErrors]  # of `half` on the photographs that it was fitted to
+    tested_errors: list[ImageErrors]  # and on the others
+    unusable: dict[str, str]  # why other photographs are not used, by name
 
     @property
     def tested(self) -> list[Photograph]:
@@ -82,16 +66,15 @@ def check_name(path: Path, untouched_path: Path) -> None:
             raise InvalidInput(f"{untouched_path} would be replaced by a picture of {path}; rename one of them")
 
 
-def uncalibrated_sensor(name: str, shape: tuple[int, int], *, pitch: float, thickness: float, row_scale: float = 1.0) -> Sensor:
-    """Describe a sensor whose colours are not known: photographs of `shape` (rows, cols) pixels, a gel `thickness` m thick.
-
-    Pixels are `pitch` m wide, and `row_scale` times as high.
-
-    Raises
-    ------
-    ValidationError
-        No sensor is like this.
-    """
+def uncalibrated_sensor(
+    name: str,
+    shape: tuple[int, int],  # rows, cols
+    *,
+    pitch: float,  # width of a pixel, m
+    thickness: float,  # of the gel, m
+    row_scale: float = 1.0,  # height over width of a pixel
+) -> Sensor:
+    """Describe a sensor whose colours are not known."""
     rows, cols = shape
     return Sensor.model_validate(
         {
@@ -109,27 +92,15 @@ def uncalibrated_sensor(name: str, shape: tuple[int, int], *, pitch: float, thic
 
 
 def calibrate(
-    sensor: Sensor,
+    sensor: Sensor,  # gives the geometry
     photographs: Sequence[Photograph],
     untouched: NDArray[np.uint8],
     *,
-    ball_radius: float,
+    ball_radius: float,  # m
     options: ColourFitOptions,
-    left_out: dict[str, str],
+    unusable: dict[str, str],  # why other photographs are not used, by name
 ) -> CalibrationResult:
-    """Fit a sensor to every second photograph and test it on the others; then fit it to all.
-
-    The sensor gives the geometry, `read_photographs` the photographs; the radius is in m.
-
-    Returns
-    -------
-    The sensor that was fitted to all photographs, and the errors on both halves of the one that was fitted to half of them.
-
-    Raises
-    ------
-    InvalidInput
-        Fewer than `MIN_PHOTOGRAPHS` photographs have a contact that the ball can make, or one is deeper than the gel is thick.
-    """
+    """Fit a sensor to every second photograph and test it on the others; then fit it to all."""
     largest = ball_radius / sensor.pitch[1]
     too_large = {
         photograph.name: f"its contact of {photograph.contact.radius:.0f} pixels is wider than the ball"
@@ -137,9 +108,9 @@ def calibrate(
         if photograph.contact.radius >= largest
     }
     usable = [photograph for photograph in photographs if photograph.name not in too_large]
-    left_out = left_out | too_large
+    unusable = unusable | too_large
     if len(usable) < MIN_PHOTOGRAPHS:
-        raise InvalidInput(f"{pluralise(len(usable), 'photograph')} can be used, {MIN_PHOTOGRAPHS} are needed; {reasons(left_out)}")
+        raise InvalidInput(f"{pluralise(len(usable), 'photograph')} can be used, {MIN_PHOTOGRAPHS} are needed; {reasons(unusable)}")
     deepest = max(usable, key=lambda photograph: photograph.contact.radius)
     depth = ball_radius - np.sqrt(ball_radius**2 - (deepest.contact.radius * sensor.pitch[1]) ** 2)  # of a gel that is not drawn in
     if depth > sensor.w:
@@ -153,18 +124,13 @@ def calibrate(
         for part in (usable[::2], usable[1::2])
     )
     fit = fit_colours(sensor, usable, untouched, ball_radius, options)
-    return CalibrationResult(fit, half, usable, fitted, tested, left_out)
+    return CalibrationResult(fit, half, usable, fitted, tested, unusable)
 
 
 def image_errors(
     sensor: Sensor, calibration: Calibration, photograph: Photograph, untouched: NDArray[np.uint8], ball_radius: float
 ) -> ImageErrors:
-    """Compare a photograph with the image of the same contact by a sensor and calibration from `calibrate`; the radius is in m.
-
-    Returns
-    -------
-    Mean errors in the contact and in the ring around it, of the model's image and of the untouched one, levels.
-    """
+    """Compare a photograph with the image of the same contact by a fitted sensor and calibration; the radius is in m."""
     model = render_contact(sensor, calibration, photograph, untouched, ball_radius)
     distance = distance_from(sensor, photograph.contact) / (photograph.contact.radius * sensor.pitch[1])
     contact, ring = distance < 1, (distance >= 1) & (distance < RING)
@@ -181,22 +147,15 @@ def render_contact(
     return np.rint(np.clip(untouched + change, 0, 255)).astype(np.uint8)
 
 
-def write_sensor(result: CalibrationResult, path: Path, untouched_path: Path, *, background_degree: int | None, note: str) -> None:
-    """Write the sensor file, and beside it the untouched photograph unless the background is a polynomial.
-
-    Parameters
-    ----------
-    result
-        From `calibrate`.
-    path
-        The YAML file.
-    untouched_path
-        The untouched photograph.
-    background_degree
-        Degree of a polynomial in place of the photograph; None for the photograph.
-    note
-        Comment at the head of the file.
-    """
+def write_sensor(
+    result: CalibrationResult,
+    path: Path,
+    untouched_path: Path,
+    *,
+    background_degree: int | None,  # of a polynomial in place of the untouched photograph; None for the photograph
+    note: str,  # comment at the head of the file
+) -> None:
+    """Write the sensor file, and beside it the untouched photograph unless the background is a polynomial."""
     sensor, calibration = result.fit.sensor, result.fit.calibration
     if background_degree is None:
         photograph = path.with_name(f"{path.stem}-untouched{untouched_path.suffix.lower()}")

@@ -59,7 +59,7 @@ def calibrate_sensor(
 
     check_name(out, untouched)
     row_scale = mm_per_row and mm_per_row / mm_per_pixel
-    photographs, image, left_out = read_photographs(folder, untouched, row_scale=row_scale, accept_photographs=accept_photographs)
+    photographs, image, unusable = read_photographs(folder, untouched, row_scale=row_scale, accept_photographs=accept_photographs)
     radius = 1e-3 * ball_radius
     began = time.perf_counter()
     defaults = FIT_FOR_DEPTH if train else ColourFitOptions()
@@ -68,11 +68,11 @@ def calibrate_sensor(
         sensor = uncalibrated_sensor(
             out.stem, image.shape[:2], pitch=1e-3 * mm_per_pixel, thickness=1e-3 * thickness, row_scale=row_scale or 1.0
         )
-        result = calibrate(sensor, photographs, image, ball_radius=radius, options=options, left_out=left_out)
+        result = calibrate(sensor, photographs, image, ball_radius=radius, options=options, unusable=unusable)
     except ValidationError as error:
         raise InvalidInput(f"no sensor is like this: {invalid_entries(error)}; are lengths in mm?") from error
-    for name, reason in result.left_out.items():
-        errors.print(f"[yellow]left out[/] {escape(name)}: {escape(reason)}")
+    for name, reason in result.unusable.items():
+        errors.print(f"[yellow]not used:[/] {escape(name)}: {escape(reason)}")
     fit, half_fit = result.fit, result.half
     note = f"Fitted by `vt-pipeline calibrate-sensor` to {len(result.photographs)} photographs of a ball of {ball_radius:g} mm radius."
     write_sensor(result, out, untouched, background_degree=background_degree, note=note)

@@ -1,7 +1,7 @@
 """Read a dataset as frames, one per grasp, with the type of each column, for every table format."""
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -15,6 +15,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location
+from schemas.catalogue import artifact_of
 from schemas.grasps import GRASPS
 from schemas.touch import TOUCH
 from schemas.vision import VISION
@@ -31,27 +32,31 @@ class Column:
     names: tuple[str, ...] = ()
 
 
+BY_FINGER = ("tactile_image", "depth")
+"""Arrays with a column per finger."""
+
+
 class GraspFrames:
     """The grasps of a dataset's usable objects as frames; values are as stored, to the bit."""
 
     def __init__(self, data: Location) -> None:
         directory = DataDirectory(data)
         touch, vision = (directory.collection(artifact) for artifact in (TOUCH, VISION))
-        images = [name for name in ("unoccluded", "occluded") if vision.shards and vision.first.has(name)]
-        self._grasp_arrays = ["touch_success", "joint_angles", "hand_pose", "sensor_pose"]
-        self._touch_arrays = ["tactile_image", "depth"] if touch.shards else []
-        self._image_arrays = images
-        self.rows = ObjectRows(data, [*self._grasp_arrays, *self._touch_arrays, *self._image_arrays], split=None)
+        self.arrays = ["touch_success", "joint_angles", "hand_pose", "sensor_pose", *(BY_FINGER if touch.shards else ())]
+        self.arrays += [name for name in ("unoccluded", "occluded") if vision.shards and vision.first.has(name)]
+        self.rows = ObjectRows(data, self.arrays, split=None)
         grasps = directory.collection(GRASPS)
         splits = {name: grasps.row(name).split for name in self.rows.object_ids}
         # by split, in order, without empty splits
         self.object_ids = {split: names for split in SPLITS if (names := [name for name, of in splits.items() if of == split])}
         if not self.object_ids:
             raise StoreError(f"{data.resolve()} has no object in the splits {', '.join(SPLITS)}")
-        self.fingers, self.joints = ([str(name) for name in grasps.first.read(label)] for label in ("sensor", "joint"))
+        self.labels = {dim: tuple(str(name) for name in grasps.first.read(dim)) for dim in ("sensor", "joint")}
         self.grasps = self.rows.size("joint_angles", "grasp")
         self._categories = dict(zip(self.rows.object_ids, self.rows.categories, strict=True))
-        self.columns = self._describe()
+        self.columns = {name: Column("string") for name in ("object_id", "category", "split")} | {"grasp": Column("int64")}
+        for name in self.arrays:
+            self.columns |= self._describe(name)
 
     def objects(self) -> Iterator[tuple[str, str, list[dict[str, Any]]]]:
         """Yield the split, the id and the frames of each object, split by split, and show the progress."""
@@ -70,29 +75,21 @@ class GraspFrames:
         """Yield the frames of an object, values by column; images are (rows, cols, 3) uint8."""
         for grasp in range(self.grasps):
             frame: dict[str, Any] = {"object_id": object_id, "category": self._categories[object_id], "split": split, "grasp": grasp}
-            frame |= {name: self.rows.read(name, object_id, grasp) for name in self._grasp_arrays}
-            for name in self._touch_arrays:
-                values = self.rows.read(name, object_id, grasp)
-                frame |= {f"{name}.{finger}": value for finger, value in zip(self.fingers, values, strict=True)}
-            frame |= {name: self.rows.read(name, object_id, grasp, camera=0) for name in self._image_arrays}
+            for name in self.arrays:
+                value = self.rows.read(name, object_id, grasp, camera=0)
+                frame |= self._by_finger(name, value) if name in BY_FINGER else {name: value}
             yield frame
 
-    def _describe(self) -> dict[str, Column]:
-        fingers, joints = tuple(self.fingers), tuple(self.joints)
-        columns = {name: Column("string") for name in ("object_id", "category", "split")} | {
-            "grasp": Column("int64"),
-            "touch_success": Column("bool", (len(fingers),), fingers),
-            "joint_angles": Column("float64", (len(joints),), joints),
-            "hand_pose": Column("float64", (4, 4)),
-            "sensor_pose": Column("float64", (len(fingers), 4, 4), fingers),
-        }
-        if self._touch_arrays:
-            rows, cols = (self.rows.size("depth", dim) for dim in ("row", "col"))
-            columns |= {f"tactile_image.{finger}": Column("image", (rows, cols, 3)) for finger in fingers}
-            columns |= {f"depth.{finger}": Column("float32", (rows, cols)) for finger in fingers}
-        for name in self._image_arrays:
-            columns[name] = Column("image", (*(self.rows.size(name, dim) for dim in ("row", "col")), 3))
-        return columns
+    def _describe(self, name: str) -> dict[str, Column]:
+        """Describe the columns of an array by its schema."""
+        array = artifact_of(name).arrays[name]
+        dims = [dim for dim in array.dims if dim not in ("object", "grasp", "camera", *(("sensor",) if name in BY_FINGER else ()))]
+        kind: Any = "image" if dims[-1] == "rgb" else array.dtype
+        column = Column(kind, tuple(self.rows.size(name, dim) for dim in dims), self.labels.get(dims[0], ()))
+        return self._by_finger(name, [column] * len(self.labels["sensor"])) if name in BY_FINGER else {name: column}
+
+    def _by_finger(self, name: str, values: Iterable[Any]) -> dict[str, Any]:
+        return {f"{name}.{finger}": value for finger, value in zip(self.labels["sensor"], values, strict=True)}
 
 
 def png(image: NDArray[np.uint8]) -> bytes:

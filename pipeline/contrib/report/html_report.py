@@ -18,7 +18,7 @@ from PIL import Image
 from rich.console import Console
 
 import pipeline
-from pipeline.console import Meter, Row, Table, pluralise, visible
+from pipeline.console import Meter, Row, Table, abbreviate, pluralise, visible
 from pipeline.contrib.report.figures import CANDIDATES, clearest_grasp, draw_figures, overview_panels
 from pipeline.contrib.report.object_page import ObjectPages
 from pipeline.contrib.report.provenance import commands, contents_table, outside_sweeps, records, settings_tables, versions_tables
@@ -143,13 +143,12 @@ def _write(source: ReportSource, folder: Path, name: str, **content: Any) -> Non
 
 def _tiles(source: ReportSource) -> list[tuple[str, str]]:
     """Count objects, grasps, touches, failures, and grasps that hold where that was tested, for the first page."""
-    tallies = source.tallies
-    touched = np.concatenate([grasps for entry in tallies.values() for grasps in entry.touched])
-    held = [grasps for entry in tallies.values() for grasps in entry.held]
-    hold_tiles = [(f"{100 * np.concatenate(held).mean():.0f} %", "of grasps hold the object")] if held else []
+    total = Tally.joined(source.tallies.values())
+    touched = np.concatenate(total.touched)
+    hold_tiles = [(f"{100 * np.concatenate(total.held).mean():.0f} %", "of grasps hold the object")] if total.held else []
     return [
         _counted(len(source.object_ids), "object", " without failures" if source.failures else ""),
-        _counted(len(tallies), "class"),
+        _counted(len(source.tallies), "class"),
         _counted(len(touched), "grasp"),
         _counted(int(touched.sum()), "touch", f", {100 * touched.mean():.0f} % of {touched.size}"),
         *hold_tiles,
@@ -178,8 +177,7 @@ def _overview(source: ReportSource, folder: Path) -> dict[str, Any]:
 
 def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path, paper: bool) -> list[dict[str, str]]:
     """Draw the touches per grasp, beside the paper's if these are to be compared, and the contact areas by class."""
-    touched = np.concatenate([grasps for entry in source.tallies.values() for grasps in entry.touched])
-    shares = touches_per_grasp(touched)
+    shares = touches_per_grasp(np.concatenate(Tally.joined(source.tallies.values()).touched))
     theirs = supplement_touches(len(shares)) if paper else ()
     bars: Mapping[str, ArrayLike] = {"here": shares} | ({PAPER: theirs} if theirs else {})
     draw_bars(folder / "figures" / "touches.svg", bars, range(len(shares)), x="touches per grasp", y="% of grasps")
@@ -290,7 +288,6 @@ def _about(source: ReportSource) -> dict[str, Any]:
 def _failures(failures: Mapping[str, tuple[str, str]]) -> Table:
     """Count the failures by stage and reason."""
     rows = []
-    for (stage, reason), count in Counter(failures.values()).most_common():
-        names = [name for name, why in failures.items() if why == (stage, reason)]
-        rows.append(Row([stage, reason, str(count), ", ".join(names[:5]) + (" …" if count > 5 else "")]))
+    for why, count in Counter(failures.values()).most_common():
+        rows.append(Row([*why, str(count), abbreviate([name for name, other in failures.items() if other == why])]))
     return Table("", ["stage", "reason", "objects", "which"], rows)

@@ -6,8 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from pipeline.config.objects import Object
-from pipeline.config.sources import ModelledSource
+from pipeline.config.sources import ModelledSource, Object
 from pipeline.contrib.toy_objects import KINDS, generate, maker_module
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.rng import numpy_rng

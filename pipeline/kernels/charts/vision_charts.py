@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.arrays import Array
+from pipeline.kernels.geometry.mesh_cleaning import group_by_position
 
 BOUNDARY, RING = 12, 6
 CHART_VERTICES = BOUNDARY + RING + 1
@@ -51,12 +52,13 @@ def vision_charts(splits: int = 1) -> VisionCharts:
         triangles = [smaller for triangle in triangles for smaller in _split(triangle, sphere)]
     position = np.array([_chart_positions(triangle, sphere) for triangle in triangles], np.int64)  # (C, 19)
     first = CHART_VERTICES * np.arange(len(triangles), dtype=np.int64)  # (C,)
+    shared = group_by_position(position.ravel())
     return VisionCharts(
         vertices=np.array(sphere.points)[position.ravel()],
         faces=(_chart_faces() + first[:, None, None]).reshape(-1, 3),
         centres=first + CENTRE,
         position=position.ravel(),
-        seams=_coinciding(position.ravel()),
+        seams=np.array(sorted(pair for group in shared for pair in combinations(group.tolist(), 2)), np.int64),
     )
 
 
@@ -129,10 +131,3 @@ def _chart_faces() -> NDArray[np.int64]:
         inner, next_inner = BOUNDARY + k, BOUNDARY + (k + 1) % RING
         faces += [(corner, between, inner), (between, next_inner, inner), (between, following, next_inner), (inner, next_inner, CENTRE)]
     return np.array(faces, np.int64)
-
-
-def _coinciding(position: NDArray[np.int64]) -> NDArray[np.int64]:
-    """List each pair i < j, (S, 2), of vertices with the same position number."""
-    order = np.argsort(position, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(position[order])) + 1)
-    return np.array(sorted(pair for group in groups for pair in combinations(group.tolist(), 2)), np.int64)

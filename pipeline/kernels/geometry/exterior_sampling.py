@@ -13,7 +13,7 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.arrays import Array, Indices, Mask
+from pipeline.kernels.arrays import Array, Indices, Integers, Mask
 from pipeline.kernels.geometry.mesh import Mesh, face_cross_products, sample_triangles
 from pipeline.kernels.geometry.transforms import length, sin_cos, unit_vectors
 
@@ -24,19 +24,32 @@ RAY_OFFSET = 4e-6  # of a ray's start from the surface over the diagonal: beyond
 MAX_DRAWS = 200  # sampling fails when fewer than one of `MAX_DRAWS` points is exterior
 
 
+class RayScene:
+    """A mesh through which Embree traces rays in float32: at unit size, at the origin."""
+
+    def __init__(self, vertices: Array, faces: Integers) -> None:
+        corners = vertices[np.unique(faces)]
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        self._centre, self._scale = (low + high) / 2, 1 / float(length(high - low))
+        self._scene = rtcore_scene.EmbreeScene()
+        self._mesh = TriangleMesh(self._scene, self._local(vertices).astype(np.float32), faces.astype(np.int32))
+
+    def _local(self, points: Array) -> Array:
+        return np.asarray((points - self._centre) * self._scale)
+
+    def escape(self, points: Array, directions: Array, offset: float) -> Mask:  # (...)
+        """Find the rays that hit nothing, of points and unit directions (..., 3); they start an offset, in diagonals, away."""
+        origins = (self._local(points) + offset * directions).astype(np.float32)
+        rays = np.broadcast_to(directions.astype(np.float32), origins.shape)
+        occlusion = self._scene.run(origins.reshape(-1, 3), rays.reshape(-1, 3), query="OCCLUDED")  # 0 where something is hit
+        return np.asarray(occlusion, bool).reshape(origins.shape[:-1])
+
+
 class EscapeTest:
-    """Counts the rays that escape from points on a mesh's surface, traced by Embree."""
+    """Counts the rays that escape from points on a mesh's surface, in `directions` directions of the sphere."""
 
     def __init__(self, mesh: Mesh, directions: int = DIRECTIONS) -> None:
-        """Build the ray tracer's scene; rays are traced in `directions` directions of the sphere."""
-        corners = mesh.vertices[np.unique(mesh.faces)]
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        self._centre = (low + high) / 2
-        self._scale = 1 / float(length(high - low))  # Embree computes in float32: unit size, at the origin
-        self._scene = rtcore_scene.EmbreeScene()
-        local = ((mesh.vertices - self._centre) * self._scale).astype(np.float32)
-        self._mesh = TriangleMesh(self._scene, local, mesh.faces)
-        self._directions = spread_directions(directions)
+        self._scene, self._directions = RayScene(mesh.vertices, mesh.faces), spread_directions(directions)
 
     def count(self, points: Array, normals: Array) -> tuple[Indices, Indices]:  # (N,) each
         """Count the rays that escape in front of and behind a surface, at points (N, 3) with unit normals (N, 3).
@@ -45,12 +58,11 @@ class EscapeTest:
         count's answers.
         """
         front, back = np.zeros(len(points), np.intp), np.zeros(len(points), np.intp)
-        local = (points - self._centre) * self._scale
         undecided = np.arange(len(points))
         first, size = 0, 8
         while first < len(self._directions) and len(undecided):
             directions = self._directions[first : first + size]
-            free = self._escape(local[undecided], directions)
+            free = self._scene.escape(points[undecided, None], directions, RAY_OFFSET)
             ahead = np.einsum("nc,cd->nd", normals[undecided], np.ascontiguousarray(directions.T)) > 0
             front[undecided] += (free & ahead).sum(axis=1)
             back[undecided] += (free & ~ahead).sum(axis=1)
@@ -58,13 +70,6 @@ class EscapeTest:
             undecided = undecided[~certain[undecided]]
             first, size = first + size, max(size, first + size)  # 8, 8, 16, 32, …
         return front, back
-
-    def _escape(self, points: Array, directions: Array) -> Mask:
-        """Find the rays (N, D), from points (N, 3), frame of the scene, in directions (D, 3), that hit nothing."""
-        origins = (points[:, None] + RAY_OFFSET * directions).astype(np.float32).reshape(-1, 3)
-        rays = np.tile(directions.astype(np.float32), (len(points), 1))
-        occlusion = self._scene.run(origins, rays, query="OCCLUDED")  # 0 where something is hit
-        return np.asarray(occlusion, bool).reshape(len(points), -1)
 
 
 def spread_directions(count: int) -> Array:
@@ -99,9 +104,8 @@ def sample_exterior(
     drawn = 0
     while len(points) < count:
         if drawn >= MAX_DRAWS * count:
-            raise InvalidInput(
-                f"{len(points)} of {drawn} points on the surface are exterior, too few to draw {count}; does the mesh enclose its surface?"
-            )
+            fault = f"{len(points)} of {drawn} points on the surface are exterior"
+            raise InvalidInput(f"{fault}, too few to draw {count}; does the mesh enclose its surface?")
         share = len(points) / drawn if len(points) else 1.0
         size = int(min(max((count - len(points)) / share * 1.05, 256), 4 * count))
         candidates, face = sample_triangles(triangles, size, rng)

@@ -43,14 +43,11 @@ def level_set_mesh(
     step = spacing * 2**halvings
     extent = (np.asarray(high) - low) / step
     if not (np.isfinite(extent).all() and (extent > 0).all() and spacing > 0):
-        raise InvalidInput(
-            f"a box from {low} to {high} in cells of {spacing} is empty; the second corner must exceed the first in each coordinate"
-        )
+        raise InvalidInput(f"a box from {low} to {high} in cells of {spacing} is empty; the second corner must exceed the first")
     count = np.ceil(extent)
     if (cells := float(count.prod() * 8.0**halvings)) > MAX_CELLS:
-        raise InvalidInput(
-            f"a box from {low} to {high} in cells of {spacing} has {cells:.2g} cells, more than {MAX_CELLS}; take larger cells"
-        )
+        box = f"a box from {low} to {high} in cells of {spacing}"
+        raise InvalidInput(f"{box} has {cells:.2g} cells, more than {MAX_CELLS}; take larger cells")
     values = np.zeros(count.astype(np.int64) + 1)
     _evaluate(values, np.ones(values.shape, bool), field, low, step)
     for _ in range(halvings):

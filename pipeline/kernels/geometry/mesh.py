@@ -25,10 +25,8 @@ def check_coordinates(points: Floats, name: str) -> None:
         raise InvalidInput(f"all {name} are less than {SMALLEST:g} from the origin; scale the mesh")
     if not largest <= FARTHEST:
         count = np.count_nonzero(~(np.abs(points) <= FARTHEST).all(axis=1))
-        raise InvalidInput(
-            f"{count} of {len(points)} {name} are NaN, infinite or more than {FARTHEST:g} from the origin; repair the mesh or leave them "
-            "out"
-        )
+        fault = f"NaN, infinite or more than {FARTHEST:g} from the origin"
+        raise InvalidInput(f"{count} of {len(points)} {name} are {fault}; repair the mesh or leave them out")
 
 
 def directed_edges(faces: Integers) -> Integers:

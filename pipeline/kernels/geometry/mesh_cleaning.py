@@ -1,4 +1,4 @@
-"""Checks and cleaning of a mesh as it was read from a file.
+"""Checks, cleaning and normalisation of a mesh as it was read from a file: upright, of one size, at one position (supplement 1.4).
 
 Valid range: meshes from 1e-9 to 1e9 units large, anywhere within 1e6 of their size from the origin.
 """
@@ -10,10 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.arrays import Array, Indices
+from pipeline.kernels.arrays import Array, Floats, Indices, Integers
 from pipeline.kernels.geometry.mesh import Look, Mesh, check_coordinates, flatness, is_watertight
+from pipeline.kernels.geometry.transforms import length
 
 MIN_FLATNESS = 1e-14  # height over longest edge at which a face is degenerate: zero, but for rounding
+POSITION, DIAGONAL = np.array([0.0, 0.0, 0.6]), 0.5  # of bounding boxes, m: centre; diagonal of objects without a real size
+_TO_Z_UP = {
+    "z": np.eye(3),
+    "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),  # a quarter turn about x: y becomes z
+    "x": np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]]),  # a quarter turn about y: x becomes z
+}
+
+
+DIGITS = 4  # of a diagonal: more than any result depends on, few enough that objects scaled to one size have exactly this size
 
 
 @dataclass(frozen=True)
@@ -51,6 +61,12 @@ def number_positions(vertices: Array) -> Indices:
     return np.unique(vertices + 0.0, axis=0, return_inverse=True)[1].reshape(-1)  # + 0.0 makes -0 and 0 the same
 
 
+def group_by_position(position: Integers) -> list[Indices]:
+    """List the vertices of each position number (V,), in ascending order."""
+    order = np.argsort(position, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(position[order])) + 1)
+
+
 def _keep_faces(mesh: Mesh, keep: NDArray[Any]) -> Mesh:
     """Keep these faces and the vertices they use, in the order of their use: readers of files number them by an unstable sort."""
     from trimesh.grouping import unique_ordered  # takes half a second
@@ -59,3 +75,44 @@ def _keep_faces(mesh: Mesh, keep: NDArray[Any]) -> Mesh:
     colors = None if mesh.look.vertex_color is None else mesh.look.vertex_color[used]
     look: Look = replace(mesh.look, uv=mesh.look.uv[used], face_material=mesh.look.face_material[keep], vertex_color=colors)
     return replace(mesh, vertices=mesh.vertices[used], faces=faces.reshape(-1, 3).astype(np.int32), look=look)
+
+
+def bounding_diagonal(vertices: Floats) -> float:
+    """Compute the diagonal of the bounding box of vertices (V, 3), rounded to `DIGITS` digits, in their unit."""
+    return float(f"{length(np.ptp(vertices, axis=0)):.{DIGITS}g}")
+
+
+def normalise_mesh(
+    mesh: Mesh,  # cleaned, in the units of its file
+    *,
+    up: str,  # the axis of the file that points up: "x", "y" or "z"
+    diagonal: float,  # of the bounding box afterwards, m
+    metres_per_unit: float | None = None,  # scale that keeps the object's real size; replaces `diagonal`
+) -> Mesh:  # world, m
+    """Turn a mesh upright, scale it and centre its bounding box at `POSITION`: before it is scaled, to keep the digits of its file."""
+    upright, centre, scale = _upright(mesh, up, diagonal, metres_per_unit)
+    vertices: Array = (upright - centre) * scale + POSITION
+    return replace(mesh, vertices=vertices)
+
+
+def normalising_transform(mesh: Mesh, *, up: str, diagonal: float, metres_per_unit: float | None = None) -> Array:
+    """Compute the transform (4, 4) that `normalise_mesh` with the same arguments applies: a rotation, one scale, a shift."""
+    _, centre, scale = _upright(mesh, up, diagonal, metres_per_unit)
+    placement = np.eye(4)
+    placement[:3, :3] = scale * _TO_Z_UP[up]
+    placement[:3, 3] = POSITION - scale * centre
+    return placement
+
+
+def _upright(mesh: Mesh, up: str, diagonal: float, metres_per_unit: float | None) -> tuple[Array, Array, float]:
+    """Turn the vertices upright; return them, the centre of their bounding box, and the scale."""
+    if not len(mesh.vertices):
+        raise InvalidInput("the mesh has no vertices, so it cannot be scaled to a size")
+    check_coordinates(mesh.vertices, "vertices")
+    upright = mesh.vertices @ _TO_Z_UP[up].T
+    low, high = upright.min(axis=0), upright.max(axis=0)
+    size = float(length(high - low))
+    if size == 0:
+        raise InvalidInput(f"all {len(upright)} vertices are at {low}, so the mesh cannot be scaled to a size")
+    scale = metres_per_unit if metres_per_unit is not None else diagonal / size
+    return upright, low + (high - low) / 2, scale

@@ -71,16 +71,13 @@ def collision_spheres(
                 hull = scipy.spatial.ConvexHull(shape.mesh.vertices)
             except (scipy.spatial.QhullError, ValueError) as error:
                 shape_name = shape.path or f"{shape.kind} of size {shape.size}"
-                raise InvalidInput(
-                    f"{hand.urdf}: collision shape {shape_name} of link {link.name} is flat or not finite; give it a thickness, or "
-                    "put a box in its place"
-                ) from error
+                fault = f"collision shape {shape_name} of link {link.name} is flat or not finite"
+                raise InvalidInput(f"{hand.urdf}: {fault}; give it a thickness, or put a box in its place") from error
             extent = np.ptp(hull.points, axis=0)
             if (extent / spacing + 1).prod() > MAX_LATTICE:
                 sides = " x ".join(f"{side:.3g}" for side in extent)
-                raise InvalidInput(
-                    f"{hand.urdf}: a collision shape of link {link.name} is {sides} m large; is the scale of its mesh right?"
-                )
+                fault = f"a collision shape of link {link.name} is {sides} m large"
+                raise InvalidInput(f"{hand.urdf}: {fault}; is the scale of its mesh right?")
             points, depth = _fill(hull, spacing)
             kept = _prune(points, depth, tolerance) if tolerance > 0 else np.arange(len(points))
             filled_shapes.append((points[kept], depth[kept], np.full(len(kept), number, np.intp)))

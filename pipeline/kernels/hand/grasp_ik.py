@@ -1,32 +1,40 @@
 """Inverse kinematics on a distance field: joint angles that bring every gel to the object and keep every rigid link out of it.
 
-Supplement 1.3 has the sensors "meet the surface of the object, so long as physical integration of the hand and object
-allow it". Where they meet it is not given, so there is no point to aim at. Instead each finger's joint space is sampled
-once per hand. The samples are ranked on the object's distance grid, the best are refined by random steps that shrink,
-and one posture per finger is chosen so that fingers do not collide. A posture's value is that of its gel's contact,
-less what its rigid links lack in clearance.
+Supplement 1.3 has the sensors "meet the surface of the object, so long as physical integration of the hand and object allow it". Where they
+meet it is not given, so there is no point to aim at. Instead each finger's joint space is sampled once per hand. The samples are ranked on
+the object's distance grid, the best are refined by random steps that shrink, and one posture per finger is chosen so that fingers do not
+collide. A posture's value is that of its gel's contact, less what its rigid links lack in clearance.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Array32, Indices, Mask
 from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, CollisionSpheres, collision_boxes
-from pipeline.kernels.hand.distance_field import DistanceField
+from pipeline.kernels.hand.distance_field import DistanceField, FingerGeometry, finger_clearance, finger_geometry, gel_contact, gel_probes
 from pipeline.kernels.hand.grid_loops import MILLIMETRE, measure_best
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.hand.object_distances import FingerGeometry, finger_clearance, finger_geometry, gel_contact, gel_probes
-from pipeline.kernels.hand.posture_samples import PostureSamples, blocked_fingers, even_rows, limit_margin, sample_postures
-from pipeline.kernels.hand.self_collision import choose_postures, fingers_clear_of_palm
+from pipeline.kernels.hand.self_collision import (
+    LinkOverlap,
+    choose_postures,
+    finger_conflicts,
+    fingers_clear_of_palm,
+    frequent_overlaps,
+    remedy,
+)
 from pipeline.kernels.touch.sensor import Sensor
 
+LIMIT_MARGIN, LIMIT_SHARE = 0.01, 0.02  # rad from the limits, for a motor's error; at most this share of the range
+EVEN_SAMPLES = 48  # samples measured at every pose, regardless of contact: they decide whether a finger has room
 NEAR_CONTACT = 0.0025  # m from the object up to which a sampled posture is a candidate: refinement can correct as much
 MAX_CANDIDATES = 320  # sampled postures per finger whose clearance is measured, those with most contact first
 REFINED_POSTURES = 12  # postures per finger that are refined side by side, each replaced by its best neighbour
@@ -34,6 +42,75 @@ STEPS_PER_POSTURE = 24  # new postures around each of them, per round
 STEP, STEP_SHARE = 0.16, 0.1  # of the first round's steps: standard deviation, rad; share of a prismatic joint's range
 SHRINK = 0.4  # of each round's steps, relative to the one before
 UNTOUCHING_POSTURES = 4  # postures without contact per finger, among which the joint choice may take one
+
+
+@dataclass(frozen=True, eq=False)
+class PostureSamples:
+    """Postures spread evenly between the joint limits."""
+
+    joint_angles: Array  # (K, J) rad (m)
+    frames: Array  # (K, L, 4, 4) their link frames in the root link's, m
+    free: Mask  # (K, F) whether each finger stays clear of the palm and of its own links
+
+
+def sample_postures(hand: Hand, boxes: CollisionBoxes, *, samples: int, gap: float) -> PostureSamples:
+    """Sample a Sobol sequence in each finger's joints; a free finger keeps `gap`, m, from palm and own links."""
+    angles = np.empty((samples, len(hand.joint_names)))
+    for finger in hand.fingers:
+        joints = list(finger.joints)
+        unit = scipy.stats.qmc.Sobol(len(joints), scramble=False).random_base2(int(np.ceil(np.log2(samples))))[:samples]
+        margin = limit_margin(hand)[joints]
+        low, high = hand.lower[joints] + margin, hand.upper[joints] - margin
+        angles[:, joints] = low + unit * (high - low)
+    frames = forward_kinematics(hand, np.eye(4), angles)
+    return PostureSamples(angles, frames, fingers_clear_of_palm(hand, boxes, frames, gap))
+
+
+def limit_margin(hand: Hand) -> Array:
+    """Compute the distance kept from the joint limits, (J,), rad (m)."""
+    return np.minimum(LIMIT_MARGIN, LIMIT_SHARE * (hand.upper - hand.lower))
+
+
+def even_rows(samples: int) -> Indices:
+    """Choose `EVEN_SAMPLES` rows spread evenly over all samples."""
+    return np.linspace(0, samples - 1, EVEN_SAMPLES).astype(np.intp)
+
+
+def blocked_fingers(hand: Hand, boxes: CollisionBoxes, postures: PostureSamples, *, gap: float) -> list[str]:
+    """Name the links that rule out every grasp of a hand whose fingers keep a gap, m.
+
+    There is a sentence for each finger that is free of palm and own links in none of the `EVEN_SAMPLES` postures that decide whether it
+    has room, and for each two fingers that collide in all pairs of these.
+    """
+    rows, fingers = even_rows(len(postures.free)), hand.fingers
+    conflicts = finger_conflicts(hand, boxes, postures.frames[rows], gap)
+    stuck = [number for number in range(len(fingers)) if not postures.free[rows, number].any()]
+    entangled = [pair for pair in combinations(range(len(fingers)), 2) if conflicts[pair].all()]
+    overlaps = frequent_overlaps(hand, boxes, postures.frames, gap) if stuck or entangled else []
+    sentences = []
+    for number in stuck:
+        beginning = f"{fingers[number].name}: {postures.free[:, number].sum()} of {len(postures.free)} postures are free of"
+        sentences.append(_sentence(hand, beginning, _between(hand, overlaps, {number}, {number, -1}), "the palm and its own links"))
+    for first, second in entangled:
+        beginning = f"{fingers[first].name} and {fingers[second].name}: 0 of {conflicts[first, second].size} pairs of postures are free of"
+        sentences.append(_sentence(hand, beginning, _between(hand, overlaps, {first, second}), "each other's links"))
+    return sentences
+
+
+def _between(hand: Hand, overlaps: list[LinkOverlap], *fingers: set[int]) -> list[LinkOverlap]:
+    """Select the overlaps between links of these fingers; -1 is the palm."""
+    return [overlap for overlap in overlaps if {int(hand.link_fingers[link]) for link in (overlap.first, overlap.second)} in fingers]
+
+
+def _sentence(hand: Hand, beginning: str, overlaps: list[LinkOverlap], otherwise: str) -> str:
+    """Describe the links in the way, and what to write into the hand file."""
+    pairs = [
+        f"{hand.links[overlap.first].name} and {hand.links[overlap.second].name} "
+        f"(boxes {'overlap' if overlap.depth > 0 else 'are apart'} {1e3 * abs(overlap.depth):.1f} mm)"
+        for overlap in overlaps
+    ]
+    remedies = {remedy(hand, overlap): None for overlap in overlaps} or {"`convex_parts` of hollow links": None}
+    return f"{beginning} {', '.join(pairs) or otherwise}: write {', '.join(remedies)} into {hand.path}"
 
 
 @dataclass(frozen=True, eq=False)

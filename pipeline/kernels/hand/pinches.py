@@ -11,9 +11,8 @@ from pipeline.kernels.arrays import Array, Indices
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.transforms import length, sin_cos, unit_vectors
 from pipeline.kernels.hand.distance_field import DistanceField
-from pipeline.kernels.hand.grasp_ik import GraspIk
+from pipeline.kernels.hand.grasp_ik import GraspIk, limit_margin
 from pipeline.kernels.hand.kinematics import forward_kinematics
-from pipeline.kernels.hand.posture_samples import limit_margin
 from pipeline.kernels.hand.pregrasp import DIFFERENCE_STEP
 from pipeline.kernels.hand.self_collision import fingers_apart
 

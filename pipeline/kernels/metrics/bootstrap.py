@@ -39,9 +39,7 @@ def difference_interval(first: Array, second: Array, rng: np.random.Generator, *
     same trainings in the same order, and differences between trainings cancel too.
     """
     if np.shape(first)[-1:] != np.shape(second)[-1:]:
-        raise ValueError(
-            f"{np.shape(first)} and {np.shape(second)} values cannot be paired: both need one value for each of the same objects"
-        )
+        raise ValueError(f"{np.shape(first)} and {np.shape(second)} values cannot be paired: both need one per object")
     first, second = _checked(first), _checked(second)
     # the difference per object is exact where both are equal, which a difference of means is not
     parts = (first - second,) if same_trainings or len(first) == len(second) == 1 else (first, -second)
@@ -60,15 +58,12 @@ def _interval(mean: float, count: int, parts: tuple[Array, ...], rng: np.random.
     """Compute the interval of the sum of the parts' means, (S, N) each with its own S."""
     if count == 1:
         return Interval(mean, -np.inf, np.inf, count)
-    means = np.concatenate([_resampled(parts, rng) for _ in range(RESAMPLES // BATCH)])
-    low, high = np.quantile(means, ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
+    means = []
+    for _ in range(RESAMPLES // BATCH):
+        objects = _shares(count, rng)
+        means.append(np.asarray(sum(((_shares(len(part), rng) @ part) * objects).sum(axis=1) for part in parts)))
+    low, high = np.quantile(np.concatenate(means), ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
     return Interval(mean, float(low), float(high), count)
-
-
-def _resampled(parts: tuple[Array, ...], rng: np.random.Generator) -> Array:
-    """Draw `BATCH` means."""
-    objects = _shares(parts[0].shape[1], rng)
-    return np.asarray(sum(((_shares(len(part), rng) @ part) * objects).sum(axis=1) for part in parts))
 
 
 def _shares(count: int, rng: np.random.Generator) -> Array:

@@ -70,9 +70,7 @@ def sampling_floor(area: float, count: int) -> float:  # m²
     It is 2A / (π n): for points scattered at random over a plane, the squared distance to the nearest has mean A / (π n).
     """
     if not 0 <= area < np.inf or count < 1:
-        raise ValueError(
-            f"an area of {area} m² with {count} points has no sampling floor: the area is finite and at least 0, the points at least 1"
-        )
+        raise ValueError(f"area {area} m², {count} points: area must be finite and ≥ 0, count ≥ 1")
     return 2 * area / (np.pi * count)
 
 

@@ -11,6 +11,7 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Integers, Mask
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products
+from pipeline.kernels.geometry.mesh_cleaning import group_by_position
 from pipeline.kernels.geometry.signed_distance import is_inside
 
 
@@ -33,9 +34,7 @@ def dihedral_angles(vertices: Array, faces: Integers) -> Array:  # (E,) degrees
 
 def seam_gaps(vertices: Array, position: Integers) -> Array:  # (S,) m
     """Compute the largest distance between vertices (V, 3) of each position (V,), one point of the surface before it was deformed."""
-    order = np.argsort(position, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(position[order])) + 1)
-    shared = [vertices[group] for group in groups if len(group) > 1]
+    shared = [vertices[group] for group in group_by_position(position) if len(group) > 1]
     return np.array([np.linalg.norm(group[:, None] - group, axis=2).max() for group in shared])
 
 

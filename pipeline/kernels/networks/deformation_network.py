@@ -75,7 +75,10 @@ class DeformationNetwork(nn.Module):
             graph=graph,
         )
         for _ in range(self.config.passes):
-            vision = vision + self._tie_seams(displacements(vision))
+            moved = displacements(vision)
+            if self.config.seams == "tied":
+                moved = self.merge_coinciding(moved)[:, self._position(moved.device)]
+            vision = vision + moved
         return self._to_world(vision)
 
     def _displacements(
@@ -95,12 +98,6 @@ class DeformationNetwork(nn.Module):
         position = self._position(vertices.device)
         copies = torch.bincount(position)[:, None]  # (P, 1)
         return vertices.new_zeros(len(vertices), len(copies), vertices.shape[2]).index_add(1, position, vertices) / copies
-
-    def _tie_seams(self, displacements: Tensor) -> Tensor:
-        """Average the displacements (B, V, 3) of vertices that coincide, if seams are tied."""
-        if self.config.seams == "open":
-            return displacements
-        return self.merge_coinciding(displacements)[:, self._position(displacements.device)]
 
     def _position(self, device: torch.device) -> Tensor:
         """Get the number of each vertex's distinct position, (V,); not a buffer: unsaved buffers are not restored."""

@@ -113,10 +113,8 @@ class ImageEncoder(nn.Module):
         for index, (_, stride) in enumerate(self.plan.layers, start=1):
             size = tuple((side + 2 * self.padding - self.kernel) // stride + 1 for side in size)
             if min(size) < 1 or (per_image and size == (1, 1)):
-                raise InvalidInput(
-                    f"{len(images)} images of {images.shape[2]} x {images.shape[3]} pixels leave layer {index} of {len(self.layers)} "
-                    f"a map of {size[0]} x {size[1]}, too few values to normalise; take larger images"
-                )
+                left = f"leave layer {index} of {len(self.layers)} a map of {size[0]} x {size[1]}, too few values to normalise"
+                raise InvalidInput(f"{len(images)} images of {images.shape[2]} x {images.shape[3]} pixels {left}; take larger images")
 
 
 def project_to_pixels(
@@ -130,9 +128,8 @@ def project_to_pixels(
     1e-6 · Σ |camera| |point| / depth: 1e-3 pixels in the scene.
     """
     if camera.shape not in {(3, 4), (len(points), 3, 4)} or points.ndim != 3 or points.shape[2] != 3:
-        raise ValueError(
-            f"camera is {tuple(camera.shape)} and points {tuple(points.shape)}: they must be (3, 4) or (B, 3, 4), and (B, N, 3)"
-        )
+        shapes = f"camera is {tuple(camera.shape)} and points {tuple(points.shape)}"
+        raise ValueError(f"{shapes}: they must be (3, 4) or (B, 3, 4), and (B, N, 3)")
     check_full_precision("points", points)
     if camera.dtype != points.dtype:
         raise ValueError(f"camera is {camera.dtype}, points are {points.dtype}: they must be of one type")

@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from pipeline.kernels.charts.touch_chart import MAX_SIDE
 from pipeline.kernels.charts.vision_charts import MAX_SPLITS
-from pipeline.kernels.geometry.normalise import DIAGONAL
+from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL
 
 Norm = Literal["batch", "instance", "group"]
 ImageKind = Literal["occluded", "unoccluded", "rendering", "any"]

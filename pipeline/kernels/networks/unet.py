@@ -66,10 +66,8 @@ class UNet(nn.Module):
         check_full_precision("a U-Net with parameters", self.head.weight)
         check_intensities("images", images)
         if self.training and batch * (rows // MIN_SIDE) * (cols // MIN_SIDE) < 2:
-            raise InvalidInput(
-                f"{batch} image of {rows} x {cols} pixels has one value per channel at the lowest level, which batch normalisation "
-                "cannot train on; take a batch of 2 or more, or .eval()"
-            )
+            image = f"{batch} image of {rows} x {cols} pixels has one value per channel at the lowest level"
+            raise InvalidInput(f"{image}, which batch normalisation cannot train on; take a batch of 2 or more, or .eval()")
 
 
 def _convolution(before: int, after: int, kernel: int) -> nn.Sequential:
@@ -89,13 +87,10 @@ def contact_mask(
     The norm is squared: without the square, the quantisation to 8 bits alone exceeds the supplement's 0.001.
     """
     if images.ndim < 3 or untouched.ndim != 3 or images.shape[-3:] != untouched.shape or untouched.shape[-1] != COLOURS:
-        raise ValueError(
-            f"images of shape {tuple(images.shape)}, untouched {tuple(untouched.shape)}; they must be (..., H, W, 3) and (H, W, 3)"
-        )
+        shapes = f"images of shape {tuple(images.shape)}, untouched {tuple(untouched.shape)}"
+        raise ValueError(f"{shapes}; they must be (..., H, W, 3) and (H, W, 3)")
     if images.dtype != torch.uint8 or untouched.dtype != torch.uint8:
-        raise ValueError(
-            f"images are {images.dtype}, untouched is {untouched.dtype}; tactile images are compared as they are stored, uint8"
-        )
+        raise ValueError(f"images are {images.dtype}, untouched is {untouched.dtype}; tactile images are compared as uint8")
     if not 0 <= threshold <= COLOURS:
         raise ValueError(f"threshold {threshold}; it must be between 0 and {COLOURS}, the squared distance of black and white")
     difference = images.to(torch.int32) - untouched.to(torch.int32)
@@ -160,7 +155,5 @@ def _check(predicted: Tensor, depth: Tensor, mask: Tensor) -> None:
         raise ValueError(f"predicted is {predicted.dtype}, depth {depth.dtype}, mask {mask.dtype}; they must be floating, floating, bool")
     check_full_precision("predicted depth", predicted)
     if count := int((~torch.isfinite(predicted)).flatten(1).any(dim=1).sum()):
-        raise InvalidInput(
-            f"predicted depth holds infinity or NaN in {count} of {len(predicted)} touches: the network has diverged; lower the learning "
-            "rate"
-        )
+        touches = f"{count} of {len(predicted)} touches"
+        raise InvalidInput(f"predicted depth holds infinity or NaN in {touches}: the network has diverged; lower the learning rate")

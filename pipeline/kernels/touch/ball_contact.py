@@ -19,7 +19,6 @@ from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 
 RING = 3.0  # radius of the region around a contact that is fitted and compared, in contact radii
 HALVINGS = 14  # of the interval in which a ball's depth is searched: accurate to a ten-thousandth
-
 CONTACT_WEIGHT = 3.0  # of a pixel in the contact, where colours change more, relative to one in the ring around it
 SAMPLES = 11  # pixels per radius of a contact that are fitted: neighbours hold the same information
 RIDGE = 1e-6  # share of the mean diagonal of the normal equations, for terms that the photographs do not separate

@@ -108,7 +108,8 @@ def fit_colours(
 
     position_degree = options.position_degree
     usual = USUAL_DEGREE if position_degree is None else position_degree
-    gels = _gels(options)
+    gels = [_GelShape(False, width) for width in MEMBRANES if not options.elastic]
+    gels += [_GelShape(True, thickness, options.poisson) for thickness in THICKNESSES if options.elastic is not False]
     candidates = [gel.of(sensor, radius) for gel in gels]
     best = _simplest_good([left_out_error(sampled(candidate, usual)) for candidate in candidates])
     fitted = candidates[best]
@@ -130,13 +131,6 @@ def fit_colours(
 def _simplest_good(errors: Sequence[float]) -> int:
     """Find the first choice, the simplest, whose error is at most `GAIN` above the least."""
     return next(number for number, error in enumerate(errors) if error <= (1 + GAIN) * min(errors))
-
-
-def _gels(options: ColourFitOptions) -> list[_GelShape]:
-    """List the gels that are tried."""
-    membranes = [_GelShape(False, width) for width in MEMBRANES if not options.elastic]
-    layers = [_GelShape(True, thickness, options.poisson) for thickness in THICKNESSES if options.elastic is not False]
-    return membranes + layers
 
 
 def _at_end(gel: _GelShape, degree: int | None) -> Iterator[str]:
@@ -232,10 +226,11 @@ def missing_photographs(sensor: Sensor, calibration: Calibration, contacts: Sequ
     They name the parts of the gel without the middle of a contact, unless colours do not depend on the position, and missing slopes.
     """
     thirds = {(math.floor(3 * (circle.y + 0.5) / sensor.rows), math.floor(3 * (circle.x + 0.5) / sensor.cols)) for circle in contacts}
-    empty = [(row, column) for row in range(3) for column in range(3) if (row, column) not in thirds]
+    empty = [cell for cell in product(range(3), repeat=2) if cell not in thirds]
+    names = ["middle" if cell == (1, 1) else f"{ROWS[cell[0]]} {COLUMNS[cell[1]]}" for cell in empty]
     lines = []
     if empty and POSITION_TERMS[len(calibration.coefficients[0][0])] > 0:
-        lines.append(f"no contact in the {', '.join(_third(*cell) for cell in empty)} of the gel: press there")
+        lines.append(f"no contact in the {', '.join(names)} of the gel: press there")
     if (steepest := slope_degrees(calibration)) < STEEP:
         lines.append(f"no slope steeper than {steepest:.0f} degrees: press deeper, or use a smaller ball")
     return lines
@@ -244,7 +239,3 @@ def missing_photographs(sensor: Sensor, calibration: Calibration, contacts: Sequ
 def slope_degrees(calibration: Calibration) -> float:
     """Compute the steepest fitted slope, degrees."""
     return math.degrees(math.asin(calibration.steepest))
-
-
-def _third(row: int, column: int) -> str:
-    return "middle" if (row, column) == (1, 1) else f"{ROWS[row]} {COLUMNS[column]}"

@@ -43,9 +43,7 @@ def find_contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> Circ
     size = np.abs(change).mean(axis=2)
     strength = gaussian(size, 3)
     if strength.max() < LEAST_CHANGE:
-        raise InvalidInput(
-            f"nothing touches: it differs from the untouched one by {strength.max():.1f} levels, {LEAST_CHANGE:g} are needed"
-        )
+        raise InvalidInput(f"nothing touches: it differs from the untouched one by {strength.max():.1f} of {LEAST_CHANGE:g} levels")
     regions = regionprops(label(strength > strength.max() / 3), intensity_image=strength)
     region, *others = sorted(regions, key=lambda region: -region.intensity_max)
     reach = int(region.equivalent_diameter_area + 2 * SMALLEST)
@@ -59,10 +57,8 @@ def find_contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> Circ
         distance = np.hypot(other.coords[:, 1] - x, other.coords[:, 0] - y).min()
         if distance > radius + SMALLEST and other.area > np.pi * SMALLEST**2 and other.intensity_max > strength.max() / 2:
             row, col = other.centroid
-            raise InvalidInput(
-                f"it shows a contact at ({x:.0f}, {y:.0f}) and a second one at ({col:.0f}, {row:.0f}); photograph one ball at a time, or "
-                "give the contact that counts in circles.csv"
-            )
+            shown = f"it shows a contact at ({x:.0f}, {y:.0f}) and a second one at ({col:.0f}, {row:.0f})"
+            raise InvalidInput(f"{shown}; photograph one ball at a time, or give the contact that counts in circles.csv")
     row, col = np.indices(strength.shape)
     filled = float((strength > strength.max() / 3)[np.hypot(col - x, row - y) < radius].mean())
     if filled < LEAST_FILLED:

@@ -17,11 +17,13 @@ SLOPE_TERMS = {count - 1: degree for count, degree in POSITION_TERMS.items() if 
 """Degree of a polynomial in the two components of a normal, without its constant term, by the number of its terms."""
 
 
-class _Entry(BaseModel):
+class Entry(BaseModel):
+    """Base of the entries of a sensor file."""
+
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Lights(_Entry):
+class Lights(Entry):
     """Positions P of the three lamps of equation 5, in sensor widths, along y too, from the corner of pixel (0, 0)."""
 
     red: Annotated[Position, Field(description="x along columns, y along rows, z out of the gel")]
@@ -29,7 +31,7 @@ class Lights(_Entry):
     blue: Annotated[Position, Field(description="as red")]
 
 
-class Shadow(_Entry):
+class Shadow(Entry):
     """The shadow of one lamp behind a bump of the gel."""
 
     direction: Annotated[float, Field(ge=-360, le=360, description="towards the lamp, degrees from +x to +y")]
@@ -37,7 +39,7 @@ class Shadow(_Entry):
     gain: Annotated[Levels, Field(description="levels of red, green, blue per mm that a point lies in the shade")]
 
 
-class Calibration(_Entry):
+class Calibration(Entry):
     """A model of colours that was fitted to photographs: a polynomial of the gel's normal, whose coefficients depend on the position."""
 
     coefficients: Annotated[

@@ -1,7 +1,5 @@
 """Say what is wrong with photographs of a gel as a whole, before they are read: exchanged colours, turned, mirrored, exposure."""
 
-from __future__ import annotations
-
 import cmath
 import math
 from functools import lru_cache
@@ -29,16 +27,13 @@ CHROMA = 0.12
 """Largest relative difference of chroma: of contrast, saturation or hue. Another unit of a sensor differs by 0.07."""
 CHROMA_LEFT = 0.7
 """Chroma differs if its factor leaves less than this share of the difference; beside a press, less than the factor's own change."""
-STRANGE = 1.5
-"""Chroma that differs by more is no setting of a camera."""
+STRANGE = 1.5  # chroma that differs by more is no setting of a camera
 UNLIKE_PRESSED = 20.0
 """Levels by which a pressed gel may differ in the median of its cells: one that is tilted by 40° as a whole differs by 17."""
 EXCHANGED, PRESSED_TOO = 0.8, 0.2
 """Shares of a contact's cells in which the untouched photograph is the pressed one: both are exchanged; it has a contact too."""
-SIDES = 0.05
-"""Largest relative difference between the aspect ratios of photographs that are compared."""
-COARSE = 3
-"""Least degree of a polynomial background that resembles the untouched gel."""
+SIDES = 0.05  # largest relative difference between the aspect ratios of photographs that are compared
+COARSE = 3  # least degree of a polynomial background that resembles the untouched gel
 
 
 def stop_at(faults: list[str]) -> None:
@@ -49,7 +44,7 @@ def stop_at(faults: list[str]) -> None:
 
 
 def untouched_faults(untouched: NDArray[np.uint8], sensor: Sensor) -> list[str]:
-    """List how an untouched photograph, (rows, cols, 3) with any numbers of pixels, is altered beside the background of the sensor file.
+    """List how an untouched photograph, (rows, cols, 3), is altered beside the background of the sensor file.
 
     Other sides than the sensor's are no fault here: readers name them.
     """
@@ -66,19 +61,12 @@ def untouched_faults(untouched: NDArray[np.uint8], sensor: Sensor) -> list[str]:
 
 
 def photograph_faults(
-    photograph: NDArray[np.uint8], untouched: NDArray[np.uint8] | None, sensor: Sensor | None = None, name: str = "the photograph"
+    photograph: NDArray[np.uint8],  # (rows, cols, 3)
+    untouched: NDArray[np.uint8] | None,  # (rows, cols, 3); without one, the photograph is compared with the sensor's background
+    sensor: Sensor | None = None,  # if it is known, the untouched photograph may turn out to be the pressed one
+    name: str = "the photograph",
 ) -> list[str]:
-    """List how a photograph, perhaps of a press, is altered beside the untouched one; one of other sides has no fault here.
-
-    Parameters
-    ----------
-    photograph, untouched
-        (rows, cols, 3) uint8; without an untouched one the photograph is compared with the sensor's background.
-    sensor
-        The sensor, if it is known. Then the untouched photograph may turn out to be the pressed one.
-    name
-        Of the photograph.
-    """
+    """List how a photograph, perhaps of a press, is altered beside the untouched one; one of other sides has no fault here."""
     if untouched is None:
         assert sensor is not None
         reference, exposure, beside = _background(sensor), OTHER_DAY_EXPOSURE, f"the background of sensor {sensor.name}"

@@ -10,12 +10,12 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from PIL import Image
-from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
+from pydantic import ConfigDict, Field, Strict, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Mask, check_shape
-from pipeline.kernels.touch.optics import Calibration, Lights
+from pipeline.kernels.touch.optics import Calibration, Entry, Lights
 
 MM = 1e3  # millimetres per metre
 MAX_PIXELS_PER_SIDE = 4096  # rows and columns of an image: more than any camera of a sensor has
@@ -24,10 +24,8 @@ Length = Annotated[float, Field(ge=1e-6, le=10)]
 POSE_TOLERANCE = 1e-6  # largest deviation of a pose's axes from orthonormal: the error of float32 arithmetic
 
 
-class Surface(BaseModel):
+class Surface(Entry):
     """The shape of a gel that is not flat: a bulge of some radius, or a map of heights."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     radius: Annotated[Length | None, Field(description="of a sphere or cylinder whose highest point, in the middle, is w, m")] = None
     along: Annotated[
@@ -53,20 +51,18 @@ class Surface(BaseModel):
         return self
 
 
-class Gel(BaseModel):
+class Gel(Entry):
     """An elastic gel: a layer of rubber, bonded to a rigid plate."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     modulus: Annotated[float, Field(gt=0, le=1e12, description="Young's modulus, Pa; a gel's is some 1e5")]
     poisson: Annotated[float, Field(ge=0, le=0.5, description="Poisson's ratio; rubber's is nearly 0.5")] = 0.48
     thickness: Annotated[Length | None, Field(description="of the elastic layer, m; by default w")] = None
 
 
-class Sensor(BaseModel):
+class Sensor(Entry):
     """A gel on a rectangular sensor plane, seen by a camera below it."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, serialize_by_alias=True)
+    model_config = ConfigDict(serialize_by_alias=True)
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$", max_length=120, description="recorded in datasets")]
     width: Annotated[Length, Field(description="side of the sensor plane along +x, m")]
@@ -110,19 +106,15 @@ class Sensor(BaseModel):
                 raise ValueError(f"a gel of radius {radius} m and thickness w {self.w} m ends before its rim, {reach:.4g} m away")
         heights = self.surface.heights if self.surface is not None else None
         if self.range < (top := max(self.w, *(max(row) for row in heights or [[0.0]]))):
-            raise ValueError(
-                f"range {self.range} m ends inside the gel, which is {top} m high: nothing that presses into it would be found"
-            )
+            raise ValueError(f"range {self.range} m ends inside the gel, which is {top} m high; make it larger")
         return self
 
     def _check_calibration(self, calibrated: Calibration) -> None:
         if self.diffuse != 1:
             raise ValueError(f"diffuse {self.diffuse} belongs to lights (equation 2); leave it out of a calibrated sensor")
         if calibrated.within is not None and (np.abs(calibrated.within) > np.array([self.width, self.height] * 2)).any():  # such as mm
-            raise ValueError(
-                f"calibrated.within {list(calibrated.within)} lies far beyond the gel, whose rim is {self.width / 2:g} m and "
-                f"{self.height / 2:g} m from its middle; state it in metres from there"
-            )
+            beyond = f"the gel, whose rim is {self.width / 2:g} m and {self.height / 2:g} m from its middle"
+            raise ValueError(f"calibrated.within {list(calibrated.within)} lies far beyond {beyond}; state it in metres from there")
 
     def __repr__(self) -> str:
         return f"Sensor({self.name}, {self.shape} pixels, {1e3 * self.width:.3g} mm wide)"

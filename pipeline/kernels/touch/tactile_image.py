@@ -93,19 +93,15 @@ def render_gel(indentation: Array, sensor: Sensor, rng: np.random.Generator | No
         image = background(sensor, sensor.calibrated) + indentation_change(indentation, sensor, sensor.calibrated)
     if rng is not None and sensor.noise != "none":
         image = image + rng.normal(0.0, sensor.noise, image.shape)
-    return image if image.dtype == np.uint8 else _levels(image)
-
-
-def _levels(image: Array) -> NDArray[np.uint8]:
-    levels = np.empty(image.shape, np.uint8)
-    _round(np.ascontiguousarray(image).reshape(-1), levels.reshape(-1))
-    return levels
+    return image if image.dtype == np.uint8 else _levels(np.ascontiguousarray(image))
 
 
 @compiled
-def _round(image: Array, levels: NDArray[np.uint8]) -> None:
-    for i in range(len(image)):
-        levels[i] = np.uint8(np.rint(min(max(image[i], 0.0), float(WHITE))))
+def _levels(image: Array) -> NDArray[np.uint8]:
+    levels = np.empty(image.size, np.uint8)
+    for i, value in enumerate(image.flat):
+        levels[i] = np.uint8(np.rint(min(max(value, 0.0), float(WHITE))))
+    return levels.reshape(image.shape)
 
 
 def untouched_image(sensor: Sensor) -> NDArray[np.uint8]:  # (rows, cols, 3) red, green, blue

@@ -1,22 +1,21 @@
 """The colours of a surface in an image."""
 
 import numpy as np
-from embreex import rtcore_scene
-from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
 from pipeline.kernels.arrays import Array, Mask
-from pipeline.kernels.geometry.surface_wrapping import vertex_normals
+from pipeline.kernels.geometry.closed_surface import vertex_normals
+from pipeline.kernels.geometry.exterior_sampling import RayScene
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import optical_centre
 
 STEEPEST = 0.1  # cosine between normal and view below which a vertex is on the rim, where pixels may show the background
-OFFSET = 1e-3  # of a ray's start from the surface over the surface's extent
+OFFSET = 1e-3  # of a ray's start from the surface over the surface's diagonal
 
 
 def seen_colors(
     vertices: Array,  # (V, 3) world, m
-    faces: NDArray[np.int64],  # (F, 3) normals outwards
+    faces: NDArray[np.integer],  # (F, 3) normals outwards
     image: NDArray[np.uint8],  # (rows, cols, 3)
     matrix: Array,  # (3, 4) the image's projection matrix, from `projection_matrix`
     shown: Mask,  # (rows, cols) where the image shows the object, and no background or hand
@@ -33,19 +32,8 @@ def seen_colors(
     seen = in_image & ((vertex_normals(vertices, faces) * to_camera).sum(axis=1) > STEEPEST)
     col, row = places[seen].astype(np.int64).T
     seen[seen] = shown[row, col]
-    seen[seen] = _are_unoccluded(vertices, faces, vertices[seen], to_camera[seen])
+    seen[seen] = RayScene(vertices, faces).escape(vertices[seen], to_camera[seen], OFFSET)
     colors = np.zeros((len(vertices), 3), np.uint8)
     col, row = places[seen].astype(np.int64).T
     colors[seen] = image[row, col]
     return colors, seen
-
-
-def _are_unoccluded(vertices: Array, faces: NDArray[np.int64], points: Array, directions: Array) -> Mask:
-    """Find the points of the mesh from which rays in given directions do not hit it; Embree traces in float32."""
-    centre, extent = vertices.mean(axis=0), float(np.ptp(vertices, axis=0).max())
-    scene = rtcore_scene.EmbreeScene()
-    mesh = TriangleMesh(scene, ((vertices - centre) / extent).astype(np.float32), faces.astype(np.int32))
-    origins = ((points - centre) / extent + OFFSET * directions).astype(np.float32)
-    is_free = scene.run(origins, directions.astype(np.float32), query="OCCLUDED")  # 0 where something is hit
-    del mesh  # lives as long as the scene
-    return np.asarray(is_free, bool)

@@ -44,10 +44,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_circles_are_found_within_a_pixel_and_bad_photographs_are_named(folder: Path) -> None:
-    photographs, untouched, left_out = read_photographs(folder, folder.parent / "untouched.png")
-    assert set(left_out) == {"nothing.png", "small.png", "torn.png"}
-    assert "nothing touches" in left_out["nothing.png"]
-    assert "it has 50 x 213 pixels, the untouched photograph 160 x 213" in left_out["small.png"]
+    photographs, untouched, unusable = read_photographs(folder, folder.parent / "untouched.png")
+    assert set(unusable) == {"nothing.png", "small.png", "torn.png"}
+    assert "nothing touches" in unusable["nothing.png"]
+    assert "it has 50 x 213 pixels, the untouched photograph 160 x 213" in unusable["small.png"]
     assert untouched.shape == (160, 213, 3)
     rows = [line.split() for line in (folder.parent / "contacts.txt").read_text().splitlines()]
     true = {name: np.array(numbers, float) for name, *numbers in rows}
@@ -69,7 +69,7 @@ def test_a_known_model_is_recovered(folder: Path, tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["calibrate-sensor", str(folder), str(out), *size, "--shadows", "3"])
     (folder / "circles.csv").unlink()
     assert result.exit_code == 0, result.output
-    assert "left out nothing.png: nothing touches" in " ".join(result.output.split())
+    assert "not used: nothing.png: nothing touches" in " ".join(result.output.split())
     assert out.with_name("mine-calibration.png").stat().st_size > 10_000
     assert (tmp_path / "thesis.txt").read_text() == "mine"  # links were replaced
     mine = load_sensor(out)
@@ -101,10 +101,17 @@ def test_unusable_photographs_are_refused_with_the_reason(folder: Path, tmp_path
         read_photographs(few, folder.parent / "untouched.png")
 
 
-@pytest.mark.parametrize("written", ["my_gel-calibration.png", "my_gel.png"])
-def test_output_that_would_replace_the_untouched_photograph_is_refused(tmp_path: Path, written: str) -> None:
-    with pytest.raises(InvalidInput, match=f"{written} would be replaced by a picture of .*my_gel.yaml; rename"):
-        check_name(tmp_path / "my_gel.yaml", tmp_path / written)
+@pytest.mark.parametrize(
+    ("name", "untouched", "message"),
+    [
+        ("my_gel.yaml", "my_gel-calibration.png", "my_gel-calibration.png would be replaced by a picture of .*my_gel.yaml; rename"),
+        ("my_gel.yaml", "my_gel.png", "my_gel.png would be replaced by a picture"),
+        *((name, "untouched.png", "a sensor file is called NAME.yaml") for name in ("my sensor.yaml", "mine.png", "mine")),
+    ],
+)
+def test_invalid_output_names_are_refused(tmp_path: Path, name: str, untouched: str, message: str) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        check_name(tmp_path / name, tmp_path / untouched)
 
 
 @pytest.mark.parametrize(
@@ -123,11 +130,11 @@ def test_invalid_circles_are_refused(folder: Path, line: str, message: str) -> N
     (folder / "circles.csv").unlink()
 
 
-def test_contact_outside_its_photograph_is_left_out(folder: Path) -> None:
+def test_contact_outside_its_photograph_is_unusable(folder: Path) -> None:
     (folder / "circles.csv").write_text("name,x,y,radius\n0.png,-30,80,16\n1.png,-10,80,16\n")
-    photographs, _, left_out = read_photographs(folder, folder.parent / "untouched.png")
+    photographs, _, unusable = read_photographs(folder, folder.parent / "untouched.png")
     (folder / "circles.csv").unlink()
-    assert left_out["0.png"] == ("its contact in circles.csv, x -30, y 80, radius 16, lies outside its 213 x 160 pixels; correct that line")
+    assert unusable["0.png"] == ("its contact in circles.csv, x -30, y 80, radius 16, lies outside its 213 x 160 pixels; correct that line")
     assert [photograph_read.contact for photograph_read in photographs if photograph_read.name == "1.png"] == [Circle(-10, 80, 16)]
 
 
@@ -145,14 +152,6 @@ def test_lengths_in_another_unit_give_a_clear_error(folder: Path, tmp_path: Path
     result = CliRunner().invoke(app, ["calibrate-sensor", str(folder), str(tmp_path / "mine.yaml"), *options])
     assert result.exit_code == 1
     assert message in " ".join(result.output.split())
-
-
-@pytest.mark.parametrize("name", ["my sensor.yaml", "mine.png", "mine"])
-def test_invalid_sensor_file_name_is_refused_before_the_fit(folder: Path, tmp_path: Path, name: str) -> None:
-    size = ["--ball-radius", "2", "--mm-per-pixel", "0.03", "--untouched", str(folder.parent / "untouched.png")]
-    result = CliRunner().invoke(app, ["calibrate-sensor", str(folder), str(tmp_path / name), *size])
-    assert result.exit_code == 1
-    assert "a sensor file is called NAME.yaml" in " ".join(result.output.split())
 
 
 @pytest.mark.slow

@@ -1,7 +1,5 @@
 """The card and the Croissant metadata of an export; `mlcroissant` and `datasets` read them in `read_back.py`."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -1,7 +1,5 @@
 """Grasps for robots: in the frame and unit of the object's file, and in the format of DexGraspBench."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The shipped network on any dataset: measured beside networks trained there, shown in pages, left out without its inputs."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
@@ -142,7 +140,7 @@ def test_rows_name_the_test_objects_that_the_network_has_learned_from(data, tmp_
     asked: Any = Request(given, Settings(), "balls", OBJECTS, "draft", 1, copy)
     pack(asked, lambda unit: given.row(unit) | {"source_file": np.array(sources[unit.name]), "source_sha256": np.array("")})
     assert _learned_from(DataDirectory(copy)) == ("b",)
-    assert "shipped-…: the network that ships, given the first grasp of each object alone." in vt("report", data, "--no-pages")
+    assert "shipped-…: the pretrained network, given the first grasp of each object alone." in vt("report", data, "--no-pages")
 
 
 def test_a_dataset_without_test_objects_has_a_report_without_shipped_rows(tmp_path, monkeypatch):

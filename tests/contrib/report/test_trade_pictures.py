@@ -1,7 +1,5 @@
 """Trades of a data directory in its report."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any

@@ -1,7 +1,5 @@
 """Stretching a model: proportions change, what is beyond them shifts."""
 
-from __future__ import annotations
-
 from math import inf
 
 import pytest

@@ -1,7 +1,5 @@
 """Procedural objects: closed outward-wound parts, determined by the seed, all different."""
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import os
@@ -84,7 +82,7 @@ def check(mesh: Mesh) -> None:
 
 @pytest.mark.parametrize(("category", "kind"), KIND_NUMBERS)
 def test_every_kind_has_closed_outward_parts_and_a_consistent_look(category: str, kind: int) -> None:
-    for seed in range(6):
+    for seed in range(3):
         check(draw(category, 1000 + seed, kind))
 
 
@@ -148,14 +146,11 @@ def test_long_side_lies_along_the_axis_of_the_class_and_has_a_real_size(category
         "screwdriver": (1, 0.07, 0.45),
     }.get(category, (None, 0.03, 0.5))
     for seed in range(SEEDS):
-        extent = np.ptp(draw(category, seed).vertices, axis=0)
+        mesh = draw(category, seed)
+        extent = np.ptp(mesh.vertices, axis=0)
+        assert mesh.look.textures or category not in ("bottle", "cellphone")
         assert axis is None or extent.argmax() == axis
         assert low < extent.max() < high
-
-
-@pytest.mark.parametrize("category", ["bottle", "cellphone"])
-def test_bottles_and_phones_have_textures(category: str) -> None:
-    assert all(draw(category, seed).look.textures for seed in range(SEEDS))
 
 
 @pytest.mark.parametrize("category", CATEGORIES)

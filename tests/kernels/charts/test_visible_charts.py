@@ -49,12 +49,6 @@ def test_charts_lie_on_the_visible_part_of_a_ball():
     assert len(charts) > 12
 
 
-def test_charts_smooth_noise():
-    noise = np.random.default_rng(0).normal(scale=1e-3, size=(ROWS, COLS))
-    charts = visible_charts(plane((0, 0, 1), 0.5) + noise, EVERYWHERE, INTRINSIC, SIDE)
-    assert np.sqrt(np.mean((charts[..., 2] - 0.5) ** 2)) < 0.6e-3
-
-
 def test_edge_between_two_depths_has_no_chart():
     depth = np.where(np.arange(COLS) < COLS // 2 + 3, 0.5, 0.6) * np.ones((ROWS, 1))
     charts = visible_charts(depth, EVERYWHERE, INTRINSIC, SIDE)

@@ -63,19 +63,6 @@ def test_coinciding_vertices_are_equal_to_the_bit_and_lie_on_boundaries(splits: 
     assert np.array_equal(np.unique(sphere.seams % 19), np.arange(12))
 
 
-def test_a_chart_is_a_triangle_of_four_edges_a_side() -> None:
-    sphere = vision_charts()
-    faces = sphere.faces[:24]
-    assert np.array_equal(np.unique(faces), np.arange(19))
-    directed = {(int(face[k]), int(face[(k + 1) % 3])) for face in faces for k in range(3)}
-    rim = {a: b for a, b in directed if (b, a) not in directed}
-    assert rim == {k: (k + 1) % 12 for k in range(12)}
-    steps = np.arccos((sphere.vertices[:12] * np.roll(sphere.vertices[:12], -1, axis=0)).sum(axis=1)).reshape(3, 4)
-    np.testing.assert_allclose(steps, steps[:, :1].repeat(4, axis=1), rtol=1e-12)  # four equal arcs a side
-    assert sphere.centres[0] == 18
-    assert {len([1 for face in faces if vertex in face]) for vertex in range(12, 18)} == {6}
-
-
 @pytest.mark.parametrize("splits", [-1, 5])
 def test_vision_charts_reject_splits_out_of_range(splits: int) -> None:
     with pytest.raises(ValueError, match=f"splits is {splits}.*0 to 4"):

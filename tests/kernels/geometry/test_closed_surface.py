@@ -8,9 +8,8 @@ import trimesh
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES, vision_charts
-from pipeline.kernels.geometry.closed_surface import closed_surface
+from pipeline.kernels.geometry.closed_surface import closed_surface, split_edges
 from pipeline.kernels.geometry.mesh import mesh_edges
-from pipeline.kernels.geometry.surface_wrapping import split_edges
 from pipeline.kernels.metrics.surface_quality import dihedral_angles
 
 SPHERE = vision_charts(1)

@@ -6,7 +6,7 @@ import trimesh
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.normalise import normalise_mesh, normalising_transform
+from pipeline.kernels.geometry.mesh_cleaning import normalise_mesh, normalising_transform
 
 BALL = trimesh.creation.icosphere(subdivisions=2)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.hand.buried_gels import buried_gels, depth_in_link
+from pipeline.kernels.hand.convex_shapes import buried_gels, depth_in_link
 from pipeline.kernels.hand.model import Hand, Link, Shape
 
 GRIPPER, SENSOR = load_hand("two_finger_gripper"), load_sensor("gel_16mm")
@@ -32,13 +32,6 @@ def wearing(link: Link, height: float, normal: NDArray[np.float64] = UP) -> Hand
     pose = np.eye(4)
     pose[:3, :3], pose[2, 3] = np.column_stack([x, np.cross(normal, x), normal]), height
     return replace(GRIPPER, links=(link,), sensors=(replace(GRIPPER.sensors[0], link=0, pose=pose),))
-
-
-@pytest.mark.parametrize("angle", [0.0, 0.4, -0.8])
-def test_depth_along_a_slanted_normal_is_that_of_the_plane_divided_by_its_cosine(angle: float) -> None:
-    normal = np.array([np.sin(angle), 0.0, np.cos(angle)])
-    depth = depth_in_link(link_of((-0.03, 0.02)), np.array([0.0, 0.0, 0.005]), normal, ahead=0.0)
-    assert depth == pytest.approx(0.015 / np.cos(angle))
 
 
 @pytest.mark.parametrize(

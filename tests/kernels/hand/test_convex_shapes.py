@@ -51,11 +51,6 @@ def test_large_mesh_becomes_a_hull_within_the_budget_and_the_reported_loss(rng: 
     assert {tuple(vertex) for vertex in shape.mesh.vertices} <= {tuple(vertex) for vertex in body.vertices}  # so nothing is added
 
 
-def test_mesh_within_the_budget_is_kept() -> None:
-    light = link(trimesh.creation.icosphere(subdivisions=2))
-    assert with_convex_shapes(light).collisions[0] is light.collisions[0]
-
-
 def test_slabs_contain_the_surface_between_their_ends() -> None:
     """An open tube: each slab is a drum, and together they are the tube's hull."""
     tube = trimesh.creation.annulus(r_min=0.01, r_max=0.012, height=0.08)

@@ -48,13 +48,6 @@ def test_lookup_is_first_order_in_its_band_and_a_lower_bound_beyond(rng: np.rand
     assert (approx[far] > 0.01).all()
 
 
-def test_box_inside_a_box_leaves_it_solid(rng: np.random.Generator) -> None:
-    mesh = centred(trimesh.creation.box((0.2, 0.2, 0.2)), trimesh.creation.box((0.1, 0.1, 0.1)))
-    points = around(mesh, rng)
-    outside = np.abs(points - [0, 0, 0.6]).max(axis=1) > 0.1
-    assert ((field_of(mesh).exact(points) > 0) == outside).all()
-
-
 def test_inside_of_an_open_cup_is_outside_the_object() -> None:
     field = field_of(mug())
     centre = mug().vertices[:, 0].min() + 0.09  # the cup's axis

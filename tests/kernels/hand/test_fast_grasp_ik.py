@@ -7,9 +7,8 @@ from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.collision_shapes import collision_spheres
-from pipeline.kernels.hand.distance_field import DistanceField, build_distance_field
+from pipeline.kernels.hand.distance_field import DistanceField, build_distance_field, finger_clearance
 from pipeline.kernels.hand.grasp_ik import GraspIk, grasp_ik, prepare_grasp_ik
-from pipeline.kernels.hand.object_distances import finger_clearance
 from pipeline.kernels.hand.pregrasp import tangent_palm_pose
 from tests.kernels.hand.meshes import bar, mug, points_on
 from tests.references.slow_grasp_ik import slow_clearance, slow_grasp_ik

@@ -45,20 +45,6 @@ def test_two_sensors_on_opposite_sides_of_a_sphere(pressed: float) -> None:
     assert closure_margin([left, right], friction=0.5, size=radius) == 1
 
 
-def test_contacts_on_a_plane_neither_oppose_nor_close(rng: np.random.Generator) -> None:
-    """Three sensors press on one side of a plate."""
-    contacts = []
-    for _ in range(3):
-        pose = np.eye(4)
-        pose[:2, 3] = rng.uniform(-0.1, 0.1, 2)
-        contact = contact_from_depth(np.full(SENSOR.shape, 0.004), pose, SENSOR)
-        assert contact is not None
-        assert contact.area == pytest.approx(SENSOR.width**2)
-        contacts.append(contact)
-    assert opposition_angle(contacts) < 1e-3
-    assert closure_margin(contacts, friction=1.0, size=0.1) == 0
-
-
 def test_normal_is_that_of_a_tilted_plane(rng: np.random.Generator) -> None:
     x, y = pixel_centres(SENSOR)
     a, b = 0.2, -0.1

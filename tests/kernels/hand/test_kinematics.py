@@ -70,14 +70,6 @@ def test_sensor_frames_follow_tip_axes(hand: Hand, rng: np.random.Generator) -> 
         np.testing.assert_allclose(sensor[:3, 3], (tip @ [0.0117, 0, 0.0155, 1])[:3], atol=1e-12)
 
 
-def test_gel_has_a_visual_and_no_collision_shape(hand: Hand) -> None:
-    tip = hand.sensors[0].link
-    drawn = np.concatenate([mesh.vertices for link, mesh in hand.visual_meshes if link == tip])
-    assert drawn[:, 0].max() == pytest.approx(0.0185, abs=1e-5)
-    (box,) = hand.links[tip].collisions
-    assert box.origin[0, 3] + box.size[0] / 2 == pytest.approx(0.0117)
-
-
 @pytest.mark.parametrize(
     ("pose", "angles", "named"),
     [

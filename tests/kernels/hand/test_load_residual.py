@@ -58,16 +58,6 @@ def test_residuals_equal_bounded_least_squares(rng: np.random.Generator, frictio
         assert residual(points, normals, friction) == pytest.approx(slow_residual(points, normals, friction), abs=1e-3)
 
 
-def test_forces_are_bounded() -> None:
-    """Two normals nearly opposed: across them, all their forces together carry a part of the weight, by sixteen equal wrenches."""
-    tilt = 2e-3
-    normals = np.array([[np.cos(tilt), np.sin(tilt), 0.0], [-np.cos(tilt), np.sin(tilt), 0.0]])
-    carried = 2 * (len(HEXAGON) + 2) * MAX_FORCE * np.sin(tilt)
-    assert 0.1 < carried < 0.9
-    left = np.array([0.0, 0.0, 1.0, 1.0 - carried, 1.0, 1.0])  # along ± x, ± y and ± z
-    assert residual(np.zeros((2, 3)), normals, 0.0) == pytest.approx(np.sqrt(np.mean(left**2)), abs=1e-6)
-
-
 @pytest.mark.parametrize("friction", [0.3, 0.5, 1.0])
 def test_lightest_grasp_is_that_of_all_residuals(rng: np.random.Generator, friction: float) -> None:
     """Grasps that cannot win are skipped, which does not change the choice."""

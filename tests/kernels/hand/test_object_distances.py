@@ -11,10 +11,17 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.hand.collision_shapes import CollisionSpheres, collision_spheres
-from pipeline.kernels.hand.distance_field import build_distance_field
+from pipeline.kernels.hand.distance_field import (
+    build_distance_field,
+    finger_clearance,
+    finger_geometry,
+    gel_contact,
+    gel_probes,
+    near_gaps,
+    penetration_depth,
+)
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.hand.object_distances import finger_clearance, finger_geometry, gel_contact, gel_probes, near_gaps, penetration_depth
 from pipeline.kernels.hand.pregrasp import tangent_palm_pose
 from tests.kernels.hand.meshes import random_pose
 from tests.strategies import random_rotation, seeds

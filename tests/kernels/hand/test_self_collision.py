@@ -5,11 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pipeline.kernels.hand.box_gaps import box_gap
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.hand.self_collision import choose_postures, finger_conflicts, hand_gap
+from pipeline.kernels.hand.self_collision import box_gap, choose_postures, finger_conflicts, hand_gap
 from tests.kernels.hand.meshes import random_pose
 from tests.strategies import EPS
 

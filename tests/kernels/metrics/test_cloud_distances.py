@@ -61,15 +61,6 @@ def test_sampled_area_with_normals_counts_both_sides_of_a_thin_sheet(thickness):
     assert sampled_area(sheet, normals) == pytest.approx(2.0, rel=0.05)
 
 
-def test_sampled_area_with_normals_counts_neighbours_around_an_edge():
-    rng = np.random.default_rng(8)
-    sides = [plane(300, rng, height=height)[:, turned] for height in (0, 1) for turned in ([0, 1, 2], [1, 2, 0], [2, 0, 1])]  # of a cube
-    normals = np.repeat([sign * np.eye(3)[axis] for sign in (-1, 1) for axis in (2, 1, 0)], 300, axis=0)
-    assert sampled_area(np.concatenate(sides), normals) == pytest.approx(
-        6.0, rel=0.04
-    )  # 5 % more if neighbours around an edge do not count
-
-
 def test_copies_of_a_point_have_zero_area_and_sampling_floor() -> None:
     assert sampled_area(np.full((9, 3), 1e2)) == 0
     assert sampling_floor(0.0, 1) == 0

@@ -68,12 +68,6 @@ def test_gradient_reaches_the_vertices() -> None:
     torch.testing.assert_close(fast, slow, rtol=0, atol=1e-13)
 
 
-def test_samples_depend_on_the_seed_only() -> None:
-    first, again, other = (sample_surface(VERTICES, FACES, 50, generator(seed)) for seed in (5, 5, 6))
-    assert first.equal(again)
-    assert not first.equal(other)
-
-
 def test_float32_keeps_its_type_and_chooses_in_float64() -> None:
     points = sample_surface(VERTICES.float(), FACES, 100, generator(8))
     assert points.dtype == torch.float32

@@ -5,7 +5,7 @@ import torch
 from torch import nn
 
 from pipeline.kernels.charts.vision_charts import vision_charts
-from pipeline.kernels.networks.chart_graph import ChartGraph, GraphConvolutionNetwork, ZeroNeighbourLayer, chart_graph
+from pipeline.kernels.networks.chart_graph import ChartGraph, ZeroNeighbourLayer, chart_graph
 from tests.references.dense_graph import dense_mean
 
 COUNTS = [2, 0, 1]
@@ -44,17 +44,6 @@ def test_layer_and_its_gradients_equal_those_with_a_dense_adjacency(
     torch.testing.assert_close(fast, slow, rtol=1e-12, atol=1e-12)
     for one, other in zip(fast_gradients, slow_gradients, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-11, atol=1e-11)
-
-
-def test_network_applies_its_layers_in_turn(graph: ChartGraph, dense: torch.Tensor) -> None:
-    network = GraphConvolutionNetwork(in_features=4, layers=4, features=9).double()
-    features = torch.randn(len(dense), 4, dtype=torch.float64, generator=torch.Generator().manual_seed(3))
-    expected = features
-    for layer in network.hidden:
-        assert isinstance(layer, ZeroNeighbourLayer)
-        expected = slow_layer(expected, layer.linear, dense, 3)
-    assert len(network.hidden) == 3
-    torch.testing.assert_close(network(features, graph), network.last(expected))
 
 
 def test_autocast_maps_in_half_and_averages_in_full_precision(graph: ChartGraph) -> None:

@@ -32,15 +32,6 @@ def test_shapes_after_every_layer(layers: int, shapes: list[tuple[int, int]], ke
     assert [tuple(features.shape) for features in maps] == [found[tap - 1] for tap in plan.taps]
 
 
-@pytest.mark.parametrize(
-    ("layers", "norm", "parameters", "pooled"), [(18, "batch", 588_480, 224), (12, "batch", 491_040, 240), (25, "instance", 3_537_248, 896)]
-)
-def test_parameters_and_pooled_channels(layers: int, norm: str, parameters: int, pooled: int) -> None:
-    encoder = ImageEncoder(ENCODER_PLANS[layers], norm=norm)  # type: ignore[arg-type]
-    assert sum(parameter.numel() for parameter in encoder.parameters()) == parameters
-    assert encoder.channels == pooled
-
-
 @pytest.mark.parametrize("kernel", [3, 5])
 @pytest.mark.parametrize("layers", [12, 15, 18, 25])
 def test_receptive_fields_are_centred_on_the_grid(layers: int, kernel: int) -> None:
@@ -79,7 +70,7 @@ def test_map_grids_follow_the_recursion() -> None:
 
 
 def test_encoder_rejects_images_of_four_channels() -> None:
-    with pytest.raises(ValueError, match=r"images are \(1, 4, 256, 256\)"):
+    with pytest.raises(ValueError, match=r"shape \(1, 4, 256, 256\)"):
         ImageEncoder(ENCODER_PLANS[12])(torch.zeros(1, 4, 256, 256))
 
 

@@ -21,12 +21,6 @@ def change() -> torch.Tensor:
     return 40 * torch.randn(1, 3, 24, 30, generator=torch.Generator().manual_seed(1))
 
 
-def test_parameters_are_five_thousand_by_default() -> None:
-    assert 4_000 < sum(parameter.numel() for parameter in LocalNetwork().parameters()) < 7_000
-    with pytest.raises(ValueError, match="a local network of width 0"):
-        LocalNetwork(0)
-
-
 def test_slopes_depend_on_three_pixels_around_only(network: LocalNetwork, change: torch.Tensor) -> None:
     given = change.clone().requires_grad_()
     (gradient,) = torch.autograd.grad(network.slopes(given, pixel_positions(24, 30))[0, 0, 12, 15], given)

@@ -46,11 +46,6 @@ def test_graph_networks_of_the_tables() -> None:
     }
 
 
-def test_configuration_survives_json() -> None:
-    for config in NETWORKS.values():
-        assert NetworkConfig.model_validate_json(config.model_dump_json()) == config
-
-
 @pytest.mark.parametrize(
     "wrong",
     [

@@ -38,5 +38,5 @@ def test_gradients_flow_after_a_call_in_inference_mode() -> None:
 
 
 def test_slopes_of_wrong_shape_are_rejected() -> None:
-    with pytest.raises(ValueError, match=r"slopes have shape \(2, 4, 5\)"):
+    with pytest.raises(ValueError, match=r"shape \(2, 4, 5\)"):
         integrate_slopes(torch.zeros(2, 4, 5), (1.0, 1.0))

@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.calibrated_shading import calibrated_change, polynomial_background, powers, shade_depth
-from pipeline.kernels.touch.pressed_gel import gel_under, membrane_indentation
+from pipeline.kernels.touch.pressed_gel import membrane_indentation
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 
@@ -121,11 +121,3 @@ def test_noise_has_the_set_standard_deviation_and_needs_a_generator() -> None:
     assert drawn.std() == pytest.approx(2.0, rel=0.05)
     assert (tactile_image(empty, noisy, np.random.default_rng(0)) == tactile_image(empty, noisy, np.random.default_rng(0))).all()
     assert (tactile_image(empty, SMALL, np.random.default_rng(0)) == still).all()
-
-
-def test_contact_keeps_its_depth_and_indents_the_gel_around_it() -> None:
-    pressed = bump()
-    surface = gel_under(pressed, SMALL).indentation
-    assert surface.max() == pressed.max()
-    assert (surface[pressed == 0] > 0).any()
-    assert gel_under(pressed, SMALL.model_copy(update={"membrane": 0.0})).indentation is pressed

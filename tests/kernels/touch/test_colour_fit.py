@@ -49,18 +49,6 @@ def test_fit_chooses_the_degree_in_position_that_predicts_best(degree: int) -> N
     assert fit.at_end == ()
 
 
-def test_fit_recognises_light_that_grows_with_depth() -> None:
-    """The flat middle of a contact changes colour in proportion to its depth."""
-    base = of_degree(0)
-    assert base.calibrated is not None
-    optics = base.calibrated.model_copy(update={"depth": ((9.0,), (-4.0,), (0.0,))})
-    sensor = base.model_copy(update={"calibrated": optics, "membrane": 0.5 * RADIUS})
-    fit = fit_colours(
-        sensor, photographs(sensor), untouched_image(sensor), BALL, ColourFitOptions(position_degree=0, shadows=0, elastic=False)
-    )
-    np.testing.assert_allclose(np.ravel(fit.calibration.depth), [9, -4, 0], atol=0.7)
-
-
 @pytest.mark.parametrize("elastic", [True, False])
 def test_fit_recovers_the_membrane_or_elastic_layer_of_the_photographs(elastic: bool) -> None:
     """An elastic layer of two contact radii and a membrane of half a radius are distinguished."""

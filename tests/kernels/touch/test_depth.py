@@ -6,10 +6,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth, sphere_traced_depth
 from pipeline.kernels.touch.sensor import pixel_centres
-from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
-from tests.kernels.touch.shapes import SENSOR, ball, coarse, pose_at, sheet
+from tests.kernels.touch.shapes import SENSOR, coarse, pose_at, sheet
 
 tracers = pytest.mark.parametrize("trace", [ray_depth, sphere_traced_depth])
 Tracer = Callable[..., np.ndarray]
@@ -67,14 +66,6 @@ def test_depth_ignores_faces_without_area(trace: Tracer) -> None:
     flat = np.stack([np.tile(spot, (3, 1)), upright, across + np.array([0, 1e-5, 0])])
     depth = trace(box_faces(np.concatenate([sheet(0.006), flat])), np.eye(4), SENSOR)
     assert np.abs(depth - 0.006).max() <= 1e-7
-
-
-@tracers
-def test_open_mesh_is_hit_from_inside(trace: Tracer) -> None:
-    bowl = ball(3, 0.02, z=0.003)
-    bowl = bowl[(bowl[..., 2] > 0.003).all(axis=1)]
-    depth = trace(box_faces(bowl), np.eye(4), SENSOR)
-    assert abs(depth[50, 50] - 0.023) <= 1e-4
 
 
 @tracers

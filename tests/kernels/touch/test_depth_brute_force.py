@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
+from pipeline.kernels.touch.ray_depth import TOLERANCE, box_faces, ray_depth, sphere_traced_depth
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.touch.sphere_tracing import TOLERANCE, sphere_traced_depth
 from tests.kernels.touch.shapes import SENSOR, TWENTY, coarse, pybullet_triangles, random_pose, ray_origins
 from tests.references.brute_force_depth import brute_force
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth, sphere_traced_depth
 from pipeline.kernels.touch.sensor import pixel_centres
-from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
 from tests.kernels.touch.shapes import SENSOR, ball, box, frame
 
 MICRON = 1e-6

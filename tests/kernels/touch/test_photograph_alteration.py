@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.photograph_alteration import LUMA, cell_means, find_alteration, pressed_share, rim_change
+from pipeline.kernels.touch.photograph_alteration import LUMA, find_alteration, pressed_share, rim_change
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 
@@ -100,12 +100,3 @@ def test_press_at_the_rim_changes_it() -> None:
     untouched = noisy(untouched_image(SENSORS["gelsight_mini"]))
     assert rim_change(press("gelsight_mini"), untouched) == 0
     assert rim_change(press("gelsight_mini", at=(0.48, 0)), untouched) > 0.03
-
-
-@pytest.mark.parametrize("shape", [(32, 32), (2, 3), (33, 65), (240, 320), (481, 700)])
-def test_cell_means_of_a_ramp_are_a_ramp(shape: tuple[int, int]) -> None:
-    rows, cols = shape
-    image = np.broadcast_to((np.arange(cols) * 255 // cols)[None, :, None], (rows, cols, 3)).astype(np.uint8)
-    means = cell_means(image)
-    assert means.shape == (32, 32, 3)
-    np.testing.assert_allclose(means[5, :, 1], 255 * (np.arange(32) + 0.5) / 32, rtol=0, atol=260 / min(cols, 32))

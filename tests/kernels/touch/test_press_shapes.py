@@ -34,13 +34,8 @@ def test_shape_is_pressed_to_the_drawn_depth(name, sensor):
         assert RANGES.depth[0] <= impression(press.depth, sensor).max() <= RANGES.depth[1] + 1e-12
 
 
-def test_shapes_differ_and_every_code_names_a_shape():
+def test_every_code_of_the_schema_names_a_shape():
     assert ("patch", *SHAPES) == PRESSED
-    drawn = [random_press(GELSIGHT, np.random.default_rng(number)) for number in range(100)]
-    assert {press.shape for press in drawn} == set(SHAPES)
-    assert len({press.depth.tobytes() for press in drawn}) == 100
-    again = random_press(GELSIGHT, np.random.default_rng(7))
-    assert (again.depth == drawn[7].depth).all()
 
 
 def test_relief_is_pressed_to_its_depth_whatever_its_offset():

@@ -6,7 +6,7 @@ import pytest
 from pipeline.kernels.geometry.transforms import rotation_from_euler
 from pipeline.kernels.vision.camera import camera_pose, look_at, project_points, projection_matrix
 from pipeline.kernels.vision.scene import NamedCamera
-from tests.kernels.vision.shapes import CENTRE, SCENE, ball
+from tests.kernels.vision.shapes import CENTRE, SCENE
 
 CAMERA = SCENE.camera
 
@@ -42,12 +42,6 @@ def test_projection_is_that_of_a_pinhole() -> None:
 def test_points_behind_the_camera_project_to_nan() -> None:
     behind = np.array(CAMERA.position) + camera_pose(CAMERA)[:3, 2]
     assert np.isnan(project_points(projection_matrix(CAMERA), behind)).all()
-
-
-def test_half_the_resolution_halves_image_coordinates() -> None:
-    points = ball().vertices
-    full, half = (project_points(projection_matrix(CAMERA.with_resolution(size)), points) for size in (256, 128))
-    assert half == pytest.approx(full / 2, abs=1e-9)
 
 
 def test_look_at_centres_the_target_without_roll() -> None:
