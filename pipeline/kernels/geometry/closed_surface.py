@@ -79,7 +79,7 @@ def smooth_mesh(vertices: Array, faces: Integers, rounds: int) -> Array:  # (V, 
     return vertices
 
 
-def neighbour_means(faces: Integers, count: int) -> sparse.csr_array:
+def neighbour_means(faces: Integers, count: int) -> "scipy.sparse.csr_array":
     """Make the (V, V) matrix that replaces each vertex by the mean of its neighbours; a vertex without a face stays."""
     first, second = mesh_edges(faces)[0].T
     isolated = np.setdiff1d(np.arange(count), [first, second])
