@@ -7,6 +7,7 @@ from fractions import Fraction
 import numpy as np
 import torch
 
+from checks.extremes import exact_distances as exact
 from checks.extremes.shapes import TINY, Shape
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.scene_file import load_scene
@@ -29,7 +30,6 @@ from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image
 from pipeline.kernels.vision.camera import look_at, project_points, projection_matrix
 from pipeline.kernels.vision.primitives import CREASE, corner_normals
-from tests.references import exact_distances as exact
 from tests.references.allegro_tips import tip_frame
 from tests.references.exact_arithmetic import cross_product, intersect_ray
 from tests.references.slow_corner_normals import slow_corner_normals
