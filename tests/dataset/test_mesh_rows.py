@@ -1,7 +1,5 @@
 """Meshes as rows of arrays."""
 
-from __future__ import annotations
-
 import trimesh
 
 from pipeline.dataset.mesh_rows import mesh_row, read_mesh

@@ -1,7 +1,5 @@
 """`ObjectRows` reads any arrays of objects in any order with bounded memory."""
 
-from __future__ import annotations
-
 import shutil
 from collections import Counter
 from typing import Any
