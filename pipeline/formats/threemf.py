@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from io import BytesIO
 
 import numpy as np
@@ -56,22 +55,6 @@ def read_threemf(content: bytes, decode: Decode, unread: list[str]) -> list[Mesh
 
 
 @dataclass
-class _Part:
-    """A model with its objects by their ids, which count within it alone."""
-
-    name: str
-    model: Model
-
-    @property
-    def unit(self) -> str:
-        return self.model.root.attributes.get("unit", "")
-
-    @cached_property
-    def resources(self) -> dict[str, Element]:
-        return {element.attributes.get("id", ""): element for element in self.model.root.first("resources").children}
-
-
-@dataclass
 class _Properties:
     """The entries of all groups of properties of a part: the first is grey, for none."""
 
@@ -87,7 +70,7 @@ class _Builder:
 
     def __init__(self, package: Package, decode: Decode, unread: list[str]) -> None:
         self._package, self._decode, self._unread = package, decode, unread
-        self._parts: dict[str, _Part] = {}
+        self._parts: dict[str, Model] = {}
         self._properties: dict[str, _Properties] = {}
         self._unit = ""  # of the main model, which is the first
         self._instances = self._faces = self._vertices = 0
@@ -97,30 +80,30 @@ class _Builder:
     def build(self) -> Iterator[Mesh]:
         """Build the items of the main model."""
         main = self._part(self._package.main)
-        for number, item in enumerate(main.model.root.first("build").all("item"), 1):
+        for number, item in enumerate(main.root.first("build").all("item"), 1):
             if item.attributes.get("printable", "1") in ("0", "false"):
                 self.left_out[f"item {number} is left out; it is marked as not printable"] = None
             else:
                 yield from self._place(main, item, np.eye(4), 0)
 
-    def _part(self, name: str) -> _Part:
+    def _part(self, name: str) -> Model:
         key = name.lower().lstrip("/")
         if key not in self._parts:
             with self._package.open(name) as stream:
-                part = _Part(name, parse_model(stream))
-            for prefix in part.model.root.attributes.get("requiredextensions", "").split():
-                uri = part.model.namespaces.get(prefix, prefix)
+                part = parse_model(name, stream)
+            for prefix in part.root.attributes.get("requiredextensions", "").split():
+                uri = part.namespaces.get(prefix, prefix)
                 if not any(known in uri for known in EXTENSIONS):
                     raise InvalidInput(f"it requires {uri}, which cannot be read; export it without that extension")
             self._unit = self._unit or part.unit or "millimeter"
             if (part.unit or self._unit) != self._unit:
                 raise InvalidInput(f"its models are in {self._unit} and in {part.unit}; export it in one unit")
-            if part.model.painted:
+            if part.painted:
                 self.lost["colours that a slicer painted on triangles are not read"] = None
             self._parts[key] = part
         return self._parts[key]
 
-    def _place(self, part: _Part, reference: Element, pose: Array, depth: int) -> Iterator[Mesh]:
+    def _place(self, part: Model, reference: Element, pose: Array, depth: int) -> Iterator[Mesh]:
         """Build the object that an item or a component names, at a pose."""
         self._instances += 1
         check_count("components", self._instances, MAX_INSTANCES, "merge its objects")
@@ -147,7 +130,7 @@ class _Builder:
             elif child.tag not in SETTINGS:
                 raise InvalidInput(f"object {number} is a {child.tag}, which cannot be read; export it as triangles")
 
-    def _mesh(self, part: _Part, thing: Element, mesh: Element, pose: Array) -> Iterator[Mesh]:
+    def _mesh(self, part: Model, thing: Element, mesh: Element, pose: Array) -> Iterator[Mesh]:
         """Build the mesh of an object."""
         name = f"object {thing.attributes['id']} of {part.name}"
         if other := {child.tag for child in mesh.children} - {"vertices", "triangles", "trianglesets", "metadatagroup"}:
@@ -182,7 +165,7 @@ class _Builder:
             textures=table.textures,
         )
 
-    def _table(self, part: _Part) -> _Properties:
+    def _table(self, part: Model) -> _Properties:
         """Read the properties of a part: entry 0 is none, the last one is white."""
         if part.name in self._properties:
             return self._properties[part.name]
@@ -205,7 +188,7 @@ class _Builder:
         table = _Properties(first, np.array(colors, np.uint8), np.array(uv, np.float64), np.array(pages, np.int64), textures)
         return self._properties.setdefault(part.name, table)
 
-    def _texture(self, part: _Part, group: Element) -> NDArray[np.uint8] | None:
+    def _texture(self, part: Model, group: Element) -> NDArray[np.uint8] | None:
         """Decode the texture of a group of coordinates."""
         texture = part.resources.get(group.attributes["texid"], group)
         path = texture.attributes.get("path", "")

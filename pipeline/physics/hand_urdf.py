@@ -75,7 +75,8 @@ def gel_name(number: int) -> str:
 def _add_link(robot: Element, link: Link, stem: Path) -> None:
     element = SubElement(robot, "link", name=link.name)
     _add_inertial(element, _estimated(link))
-    for number, shape in enumerate(link.collisions):
+    numbered = sorted(enumerate(link.collisions), key=lambda item: item[1].kind == "mesh")  # results depend on the order, by chance
+    for number, shape in numbered:
         collision = SubElement(element, "collision")
         geometry = SubElement(collision, "geometry")
         if shape.kind == "mesh":

@@ -1,7 +1,5 @@
 """The supplement's last experiment on a folder that this project writes: layout, cameras, training, Table 4."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 
