@@ -31,12 +31,13 @@ class Directory(MeshSource):
     """
 
     kind: Literal["directory"]
-    path: Path | None = None
-    """The folder; by default, the one given with `--objects`."""
-    layout: Layout | None = None
-    """files: each mesh file is an object; folders: each folder is one, even with several meshes; by default what most folders look like."""
-    category: str = "object"
-    """Of objects without a sub-folder above."""
+    path: Path | None = Field(None, description="The folder; by default, the one given with `--objects`.")
+    layout: Layout | None = Field(
+        None,
+        description="files: each mesh file is an object; folders: each folder is one, even with several meshes; by default what "
+        "most folders look like.",
+    )
+    category: str = Field("object", description="Of objects without a sub-folder above.")
 
     def list_objects(self, root: Path | None) -> Iterator[Object]:
         """List every mesh file below the folder, except hidden ones."""
@@ -85,8 +86,7 @@ class Catalogue(MeshSource):
     """
 
     kind: Literal["catalogue"]
-    path: Path | None = None
-    """The folder; by default, the one given with `--objects`."""
+    path: Path | None = Field(None, description="The folder; by default, the one given with `--objects`.")
 
     def list_objects(self, root: Path | None) -> Iterator[Object]:
         """List the objects of the catalogue in its order; one whose file is missing fails when it is read."""
@@ -135,18 +135,14 @@ class ShapeNet(MeshSource):
     """
 
     kind: Literal["shapenet"]
-    path: Path | None = None
-    """The folder; by default, the one given with `--objects`."""
-    meshes: str = "."
-    """Folder of the synsets, from the folder given."""
-    renderings: str | None = None
-    """Folder of the renderings' synsets, from the folder given."""
-    classes_may_be_missing: bool = False
-    """Whether a synset without a folder is left out."""
-    synsets: dict[str, Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]] = Field(min_length=1)
-    """The synset of each category."""
-    counts: dict[str, int] | None = None
-    """How many models each category must have; by default, any number."""
+    path: Path | None = Field(None, description="The folder; by default, the one given with `--objects`.")
+    meshes: str = Field(".", description="Folder of the synsets, from the folder given.")
+    renderings: str | None = Field(None, description="Folder of the renderings' synsets, from the folder given.")
+    classes_may_be_missing: bool = Field(False, description="Whether a synset without a folder is left out.")
+    synsets: dict[str, Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]] = Field(
+        min_length=1, description="The synset of each category."
+    )
+    counts: dict[str, int] | None = Field(None, description="How many models each category must have; by default, any number.")
 
     @model_validator(mode="after")
     def _counts_are_of_the_synsets(self) -> "ShapeNet":
