@@ -49,7 +49,7 @@ class FoundObjects:
             )
         if self.others:
             names = [file.as_posix() for file in self.others]
-            yield f"left out {pluralise(len(names), 'file')} ({abbreviate(names)}): another mesh of the same object is taken"
+            yield f"skipped {pluralise(len(names), 'file')} ({abbreviate(names)}): another mesh of the same object is taken"
 
 
 def find_objects(files: Sequence[Path], layout: Layout | None = None) -> FoundObjects:

@@ -44,8 +44,8 @@ POSITIONS = rb"<source\b[^>]*\bid\s*=\s*[\"']%s[\"'].*?<float_array\b[^>]*>([^<]
 def image_names(content: bytes) -> Iterator[tuple[str, str]]:
     """List the images of a file: id, and name of the file that holds it."""
     for attributes, name in IMAGE.findall(content):
-        found = ID.search(attributes)
-        yield _text(found[1]) if found else "", _text(name)
+        identity = ID.search(attributes)
+        yield _text(identity[1]) if identity else "", _text(name)
 
 
 def check_shape(content: bytes) -> None:
@@ -185,13 +185,13 @@ def cut_concave(content: bytes) -> bytes:
 def _any_concave(corners: NDArray[np.int64], sizes: NDArray[np.int64], vertices: Array) -> bool:
     firsts = np.cumsum(sizes) - sizes
     several = ((firsts[sizes == size, None] + np.arange(size)) for size in np.unique(sizes[sizes > 3]))
-    return any(bool(is_concave(vertices[corners[places]]).any()) for places in several)
+    return any(bool(is_concave(vertices[corners[rows]]).any()) for rows in several)
 
 
 def _positions(content: bytes, source: bytes) -> Array | None:
     """Read the positions (V, 3) of a source; None where there is none of this name."""
-    found = re.search(POSITIONS % re.escape(source), content, re.DOTALL) if source else None
-    return None if found is None else read_numbers(found[1]).reshape(-1, int(_attribute(found[2], b"stride") or 1))[:, :3]
+    match = re.search(POSITIONS % re.escape(source), content, re.DOTALL) if source else None
+    return None if match is None else read_numbers(match[1]).reshape(-1, int(_attribute(match[2], b"stride") or 1))[:, :3]
 
 
 def _source_id(text: bytes, semantic: bytes) -> bytes:
@@ -201,5 +201,5 @@ def _source_id(text: bytes, semantic: bytes) -> bytes:
 
 
 def _attribute(text: bytes, name: bytes) -> bytes:
-    found = re.search(rb"\b" + name + rb"\s*=\s*[\"']([^\"']*)", text)
-    return found[1] if found else b""
+    match = re.search(rb"\b" + name + rb"\s*=\s*[\"']([^\"']*)", text)
+    return match[1] if match else b""

@@ -31,7 +31,7 @@ ALL_LIBRARIES = "*"
 SEARCHED_SUFFIXES = {".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tga", ".tif", ".tiff", ".webp", ".dds", ".ppm", ".pcx"}
 """Suffixes of files that are searched for. A glTF's buffer is not: another one would be another shape."""
 MAX_ENTRIES = 200_000
-"""Maximum number of files and folders below a folder that is searched; in a larger one nothing is found."""
+"""Maximum number of files and folders below a folder that is searched; a larger one is not searched."""
 CACHE_SECONDS = 60  # how long a listing is used: thousands of meshes may lack their textures
 
 
@@ -140,7 +140,7 @@ def check_file(file: Path) -> None:
         size = regular_stat(file).st_size
     except OSError as error:
         problem = "is not a regular file" if os.path.lexists(file) else "is not there"
-        raise InvalidInput(f"{file.name} {problem} ({file}); put it back, or mend the file that names it") from error
+        raise InvalidInput(f"{file.name} {problem} ({file}); restore it, or fix the file that references it") from error
     if size == 0:
         raise InvalidInput(f"{file.name} is an empty file")
     if size > MAX_BYTES:
@@ -204,11 +204,11 @@ class _Listing:
 def _list(root: Path, period: int) -> _Listing:
     """List the files below a folder, without following links to folders."""
     files, with_meshes, entries = defaultdict[str, list[tuple[str, ...]]](list), set[tuple[str, ...]](), 0
-    for place, folders, names in os.walk(root):
+    for directory, folders, names in os.walk(root):
         entries += len(folders) + len(names)
         if entries > MAX_ENTRIES:
             return _Listing({}, set())
-        parts = Path(place).relative_to(root).parts
+        parts = Path(directory).relative_to(root).parts
         for name in names:
             suffix = os.path.splitext(name)[1].lower()
             if suffix in SEARCHED_SUFFIXES:
