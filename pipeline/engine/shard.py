@@ -316,9 +316,7 @@ class ShardPlan(Plan[ShardOutput]):
             constants_digest=digest.of_arrays(constants),
             metadata={},
         )
-        chunks = [result.shapes for result in results]
-        output.commit(record, chunks, lambda number: output.rows.chunks(results[number]), constants, attributes)
-        output.rows.discard_all({unit.name: unit.key for unit in self.units})
+        output.commit(record, results, constants, attributes)
 
     def _labels(self) -> Row:
         """Read the labels of dimensions from the inputs' shards of the same number: others may be out of date."""

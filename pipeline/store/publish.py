@@ -32,7 +32,7 @@ from pipeline.store.layout import (
     shard_file,
 )
 from pipeline.store.record import FolderRecord, Provenance, RowRecord, ShardRecord, named_location, read_record, serialise_with_checksum
-from pipeline.store.rows import Chunks, Row, RowFiles
+from pipeline.store.rows import Chunks, Result, Row, RowFiles
 from pipeline.store.shard import Shard
 from pipeline.store.storage import Location, files_below, remove
 from pipeline.store.temporary import local_copy
@@ -198,21 +198,22 @@ class ShardOutput:
     def commit(
         self,
         record: ShardRecord,
-        shapes: Sequence[Shapes],
-        chunks: Callable[[int], Chunks],
-        constants: Row,
+        results: Sequence[Result],  # of its rows, whose files are removed afterwards
+        constants: Row,  # arrays without an object dimension
         attributes: Mapping[str, Any],
     ) -> Location:
         """Write the group of the record's rows, and publish the record with the group's name; return the group's path."""
+        shapes = [result.shapes for result in results]
         location = versioned(self.name, [record.key, [row.digest for row in record.rows]]) + ".zarr"
         path, version = self.path.with_name(location), version_of(self.record_path)
         with local_copy(self.work, begin=False) as work:
             for unfinished in work.glob(f"{self.name}-*.zarr"):  # of a run that was killed
                 shutil.rmtree(unfinished, ignore_errors=True)
             group = work / location
-            write_group(group, self.artifact, record.rows, shapes, chunks, constants, attributes)
+            write_group(group, self.artifact, record.rows, shapes, lambda number: self.rows.chunks(results[number]), constants, attributes)
             written = {"location": location, "metadata": metadata_digests(group, self.artifact)}
             _publish(self.directory, group, path, self.record_path, record, written, version)
+        self.rows.discard_all({result.name: result.key for result in results})
         self.refresh()
         return path
 

@@ -42,8 +42,7 @@ def imitate_sbatch(folder: Path) -> None:
 
 def states(data: Path, *asked: str) -> dict[str, tuple[str, str]]:
     folder = slurm.slurm_folder(data)
-    jobs = slurm.states_of(folder, slurm.submitted_jobs(folder))
-    return {task.task: (task.state, task.why) for job in jobs for task in job.tasks}
+    return slurm.task_states(folder, slurm.submitted_jobs(folder))
 
 
 def submit(data: Path, *stages: str) -> list[slurm.SubmittedJob]:

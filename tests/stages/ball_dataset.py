@@ -1,7 +1,5 @@
 """A data directory of balls, written by the real runner: what every stage would have made of them, in closed form, and untrained models."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Balls pressed into a small sensor, and stages that store them; without torch, which every worker would import."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path

@@ -315,11 +315,6 @@ def test_networks_without_touch_are_evaluated_without_touch_artifacts(data, eval
     for name in ("none", "occluded"):
         assert figures(folder, name).rows == figures(evaluation[0], name).rows  # the rings around touch sites too
     assert "Table 3:" not in printed
-
-
-def test_evaluation_without_touch_has_no_table_of_grasps(data):
-    folder, printed = evaluate(data, "unfelt", configurations=("none",))
-    assert "Table 3:" not in printed
     with pytest.raises(StoreError, match="no group charts"):
         read_table(folder, "charts")
 

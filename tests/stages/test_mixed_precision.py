@@ -1,7 +1,5 @@
 """Trainings in mixed precision: layers are computed in bfloat16, points are not, and what is learned is nearly the same."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Objects of real size are learned and seen as objects of 0.5 m are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +16,7 @@ from pipeline.kernels.vision.camera import project_points, projection_matrix
 from pipeline.models.families import load_reconstructor
 from pipeline.models.observation import Observation
 from pipeline.store.directory import DataDirectory
-from pipeline.training.loop import read_metrics
+from pipeline.training.checkpoint import read_metrics
 from stages.render_vision.stage import RenderVision, VisionSettings
 from tests.kernels.vision.shapes import ball
 from tests.stages import ball_dataset as spheres
@@ -54,7 +52,7 @@ def test_charts_learn_objects_of_10_cm_as_well_as_objects_of_50_cm(data):
         trained = run_stage(folder, "train-gcn", manifest(), *NONE)
         assert trained is not None
         model = load_reconstructor("none", trained)
-        assert model.diagonals == (size, size)
+        assert model.trained.diagonals == (size, size)
         seen = Observation(None, scale=0.5 / size)
         made[size], losses[size] = model.reconstruct([seen])[0].vertices, [epoch["loss"] for epoch in read_metrics(trained)]
     assert losses[0.1] == pytest.approx(losses[0.5], rel=1e-3)

@@ -1,7 +1,5 @@
 """`vt-pipeline score`: our own predictions get the figures of `evaluate` to the last digit, and what cannot be scored is named."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
@@ -96,33 +94,6 @@ def test_score_of_network_predictions_equals_evaluate(data, predictions):
     assert own["vt_pipeline"]
 
 
-def test_score_is_a_row_beside_the_networks(data, folder):
-    vt("score", folder, data, "--name", "other")
-    directory = DataDirectory(data)
-    assert "scores/other" in scores(directory)
-    accuracy = next(table for table in results_tables(directory, ["evaluation"], ["scores/other"]) if table.title.startswith("Accuracy"))
-    assert [row.cells[0] for row in accuracy.rows][:2] == [NETWORK, "other"]
-    by_grasps = next(table for table in results_tables(directory, ["evaluation"], ["scores/other"]) if table.title.startswith("Table 3"))
-    (row,) = (row for row in by_grasps.rows if row.cells[0] == "other")
-    assert row.cells[2] is None  # two grasps were not given
-    assert "other" in vt("report", data, "--no-pages")
-    assert "scores/other" in vt("status", data)
-    vt("validate", data)
-    assert "3 objects" in results_tables(directory, [], ["scores/other"])[0].title
-
-
-def test_score_with_two_grasps_only_has_its_rows_and_no_empty_table(data, predictions):
-    directory, name = DataDirectory(data), "two"
-    assert "two, 2 grasps" in vt("score", predictions / "grasps-2", data, "--name", name, "--grasps", 2)
-    tables = results_tables(directory, [], [f"scores/{name}"])
-    assert all(table.rows for table in tables if table.columns)
-    assert "Table 2" not in " ".join(table.title for table in tables)
-    beside = results_tables(directory, ["evaluation"], [f"scores/{name}"])
-    accuracy = next(table for table in beside if table.title.startswith("Accuracy"))
-    assert [row.cells[0] for row in accuracy.rows][:2] == [NETWORK, "two, 2 grasps"]
-    assert None not in accuracy.rows[1].cells  # surfaces have normals and an inside, from however many grasps
-
-
 def test_unchanged_files_are_not_measured_again_and_changed_ones_are(data, folder):
     first = vt("score", folder, data, "--name", "again")
     before = scored(data, "again")
@@ -142,23 +113,6 @@ def test_digest_covers_files_that_a_gltf_names(tmp_path):
     assert len(digests) == 2
     (tmp_path / "a.gltf").write_text("no glTF")
     assert files_digest(tmp_path) not in digests
-
-
-def test_point_clouds_are_scored_by_their_distances_alone(data, tmp_path):
-    rows = ObjectRows(data, ["points"], "test")
-    for object_id in TESTED:
-        points = rows.read("points", object_id)
-        if object_id == TESTED[0]:
-            trimesh.PointCloud(points).export(tmp_path / f"{object_id}.ply")
-        else:
-            np.save(tmp_path / f"{object_id}.npy", points)
-    printed = vt("score", tmp_path, data, "--name", "truth")
-    assert "fewer than" not in printed
-    figures = read_figures(scored(data, "truth"))["truth"]
-    assert (figures.per_object("mean_distance") < 0.02).all()  # 500 of 2000 points: what sampling leaves
-    assert not len(figures.available("normal_consistency"))
-    assert not len(figures.available("iou"))
-    assert "truth" in printed
 
 
 def test_each_fault_of_a_folder_is_named_and_no_score_is_written(data, folder):
@@ -189,25 +143,6 @@ def test_each_fault_of_a_folder_is_named_and_no_score_is_written(data, folder):
     assert "scores/faulty" not in scores(DataDirectory(data))
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (b"", "b.ply"),
-        (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\nnan 0 0\n", "NaN"),
-        (b"not a mesh", "b.ply"),
-    ],
-    ids=["empty", "nan", "text"],
-)
-def test_unusable_file_is_named(data, folder, content, words):
-    np.save(folder / f"{TESTED[1]}.npy", np.zeros((0, 3)))
-    (folder / f"{TESTED[1]}.ply").unlink()
-    (folder / f"{TESTED[0]}.glb").unlink()
-    (folder / f"{TESTED[0]}.ply").write_bytes(content)
-    printed = vt("score", folder, data, fails=True)
-    assert words in printed
-    assert f"{TESTED[1]}.npy: it holds no point" in printed
-
-
 def test_misplaced_reconstructions_are_measured_on_request(data, tmp_path):
     bar = trimesh.creation.box((0.02, 0.02, 0.2))
     for object_id in TESTED:
@@ -215,12 +150,6 @@ def test_misplaced_reconstructions_are_measured_on_request(data, tmp_path):
     assert "--misplaced" in vt("score", tmp_path, data, "--name", "far", fails=True)
     vt("score", tmp_path, data, "--name", "far", "--misplaced")
     assert read_figures(scored(data, "far"))["far"].available("iou").tolist() == [0, 0, 0]
-
-
-def test_a_score_of_an_older_version_is_left_out_of_the_report(data, folder, monkeypatch):
-    vt("score", folder, data, "--name", "older")
-    monkeypatch.setattr("stages.evaluate.evaluation_files.VERSION", 99)
-    assert "not of schema version 99; run evaluate, or score, again" in outdated_scores(DataDirectory(data))["scores/older"]
 
 
 def test_open_reconstructions_do_not_raise_the_overlap_of_the_others(data, folder):
@@ -255,66 +184,11 @@ def test_files_with_y_up_are_distinguished_from_bad_ones(tmp_path):
     assert not list(find_faults(files, tmp_path, truth.__getitem__, misplaced=False))
 
 
-def test_misplacement_names_the_unit_and_leaves_bad_reconstructions_alone():
-    points = np.random.default_rng(0).normal(size=(2000, 3)) * [0.1, 0.05, 0.02] + spheres.CENTRE
-    assert misplacement(points, points) is None
-    assert misplacement(points * 0.5 + 0.5 * spheres.CENTRE + 0.1, points) is None  # bad, not elsewhere
-    assert "in cm" in str(misplacement(points * 100, points))
-    assert "in mm" in str(misplacement(points * 1000, points))
-    assert "0.001 times as large" in str(misplacement(points / 1000, points))
-    assert "not in the world's frame" in str(misplacement(points - spheres.CENTRE * 3, points))
-    x, y, z = (points + [0, 0, 0.4]).T
-    assert "this file's z does" in str(misplacement(np.stack([x, -z, y], axis=1), points + [0, 0, 0.4]))
-
-
-def test_vertices_that_no_face_uses_are_left_out(tmp_path):
-    box = trimesh.creation.box((0.1, 0.2, 0.3))
-    trimesh.Trimesh(np.vstack([[9.0, 9, 9], box.vertices]), box.faces + 1, process=False).export(tmp_path / "box.ply")
-    made = read_surface(tmp_path / "box.ply")
-    assert np.ptp(made.vertices, axis=0) == pytest.approx([0.1, 0.2, 0.3])
-    np.testing.assert_allclose(made.vertices[made.faces], box.triangles, atol=1e-7)
-
-
-def test_gltf_files_are_turned_to_the_worlds_up(tmp_path):
-    box = trimesh.creation.box((0.1, 0.2, 0.3))
-    box.export(tmp_path / "box.glb")  # whose y is up
-    made = read_surface(tmp_path / "box.glb")
-    assert np.ptp(made.vertices, axis=0) == pytest.approx([0.1, 0.3, 0.2])
-
-
 def test_invalid_method_name_or_folder_is_refused(data, tmp_path):
     assert "no folder" in vt("score", tmp_path / "none", data, fails=True)
     assert "no file of a test object" in vt("score", tmp_path, data, fails=True)
     assert "a method's name" in vt("score", tmp_path, data, "--name", "a/b", fails=True)
     assert "--name shipped: that is the network that ships" in vt("score", tmp_path, data, "--name", "shipped", fails=True)
-
-
-def test_closed_surface_counts_as_closed_in_a_format_without_shared_vertices(tmp_path):
-    trimesh.creation.icosphere(2).export(tmp_path / "ball.stl")
-    assert len(read_surface(tmp_path / "ball.stl").vertices) == 162
-    half = trimesh.creation.icosphere(2).submesh([range(100)], append=True)
-    half.export(tmp_path / "half.stl")
-    assert len(read_surface(tmp_path / "half.stl").vertices) == len(half.vertices) < 100
-
-
-def test_invalid_array_file_is_named(tmp_path):
-    with (tmp_path / "a.npy").open("wb") as file:
-        np.savez(file, points=np.zeros((5, 3)))
-    with pytest.raises(InvalidInput, match=r"a\.npy is a ZIP archive"):
-        read_surface(tmp_path / "a.npy")
-
-
-def test_point_clouds_with_few_points_are_reported(data, tmp_path):
-    for object_id in TESTED:
-        np.save(tmp_path / f"{object_id}.npy", ObjectRows(data, ["points"], "test").read("points", object_id)[:300])
-    assert "3 point clouds with fewer than 500 points, 300 or more" in vt("score", tmp_path, data, "--name", "few")
-
-
-def test_files_with_y_up_about_the_origin_are_recognised():
-    points = spheres.CENTRE + 0.1 * np.random.default_rng(0).normal(size=(400, 3))
-    turned = points[:, [0, 2, 1]] * [1, 1, -1]
-    assert "turned by 90° about x: the file has y up" in str(misplacement(turned, points))
-    assert "turned" not in str(misplacement(turned - [0, 5, 0], points))
 
 
 def test_dataset_without_occluded_images_is_scored(data, folder, tmp_path):
@@ -325,9 +199,90 @@ def test_dataset_without_occluded_images_is_scored(data, folder, tmp_path):
     assert "most similar silhouette" in vt("score", folder, place)
 
 
-def test_report_leaves_out_scores_of_changed_inputs(data, folder, tmp_path):
+def test_scores_have_rows_beside_the_networks_with_their_grasps_and_no_empty_table(data, folder, predictions):
+    vt("score", folder, data, "--name", "other")
+    assert "two, 2 grasps" in vt("score", predictions / "grasps-2", data, "--name", "two", "--grasps", 2)
+    directory, names = DataDirectory(data), ["scores/other", "scores/two"]
+    assert set(names) <= set(scores(directory))
+    beside = {table.title.partition(":")[0]: table for table in results_tables(directory, ["evaluation"], names)}
+    accuracy = next(table for title, table in beside.items() if title.startswith("Accuracy"))
+    assert [row.cells[0] for row in accuracy.rows][:3] == [NETWORK, "other", "two, 2 grasps"]
+    assert None not in accuracy.rows[2].cells  # surfaces have normals and an inside, from however many grasps
+    (row,) = (row for row in beside["Table 3"].rows if row.cells[0] == "other")
+    assert row.cells[2] is None  # two grasps were not given
+    assert "other" in vt("report", data, "--no-pages")
+    assert "scores/other" in vt("status", data)
+    vt("validate", data)
+    alone = results_tables(directory, [], ["scores/two"])
+    assert "3 objects" in alone[0].title
+    assert all(table.rows for table in alone if table.columns)
+    assert "Table 2" not in " ".join(table.title for table in alone)
+
+
+def test_point_clouds_are_scored_by_their_distances_alone(data, tmp_path):
+    rows = ObjectRows(data, ["points"], "test")
+    first, second, third = (rows.read("points", object_id) for object_id in TESTED)
+    trimesh.PointCloud(first).export(tmp_path / f"{TESTED[0]}.ply")
+    np.save(tmp_path / f"{TESTED[1]}.npy", second)
+    np.save(tmp_path / f"{TESTED[2]}.npy", third[:300])
+    assert "1 point cloud with fewer than 500 points, 300 or more" in vt("score", tmp_path, data, "--name", "truth")
+    figures = read_figures(scored(data, "truth"))["truth"]
+    assert (figures.per_object("mean_distance") < 0.03).all()  # 500 of 2000 points: what sampling leaves
+    assert not len(figures.available("normal_consistency"))
+    assert not len(figures.available("iou"))
+
+
+def test_unusable_files_are_named(data, tmp_path):
+    np.save(tmp_path / f"{TESTED[1]}.npy", np.zeros((0, 3)))
+    header = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+    (tmp_path / f"{TESTED[0]}.ply").write_bytes(header + b"nan 0 0\n")
+    (tmp_path / f"{TESTED[2]}.ply").write_bytes(b"not a mesh")
+    printed = vt("score", tmp_path, data, fails=True)
+    for words in (f"{TESTED[0]}.ply: ", "NaN", f"{TESTED[1]}.npy: it holds no point", f"{TESTED[2]}.ply: "):
+        assert words in printed
+    with (tmp_path / "a.npy").open("wb") as file:
+        np.savez(file, points=np.zeros((5, 3)))
+    with pytest.raises(InvalidInput, match=r"a\.npy"):
+        read_surface(tmp_path / "a.npy")
+
+
+def test_outdated_scores_are_not_reported(data, folder, tmp_path, monkeypatch):
     copy = shutil.copytree(data, tmp_path / "data")
     vt("score", folder, copy, "--name", "old")
+    with monkeypatch.context() as patch:
+        patch.setattr("stages.evaluate.evaluation_files.VERSION", 99)
+        assert "not of schema version 99" in outdated_scores(DataDirectory(copy))["scores/old"]
     seal(copy / "scores/old.json", lambda record: {"inputs": record["inputs"] | {"surfaces": "0" * 64}})
     assert "scores/old" not in scores(DataDirectory(copy))
-    assert "scores/old is outdated" in vt("report", copy, "--no-pages")
+    assert "scores/old is left out" in vt("report", copy, "--no-pages")
+
+
+def test_misplacement_names_unit_and_axis_and_accepts_bad_reconstructions():
+    points = np.random.default_rng(0).normal(size=(2000, 3)) * [0.1, 0.05, 0.02] + spheres.CENTRE
+    assert misplacement(points, points) is None
+    assert misplacement(points * 0.5 + 0.5 * spheres.CENTRE + 0.1, points) is None  # bad, not elsewhere
+    above = points + [0, 0, 0.4]
+    turned = points[:, [0, 2, 1]] * [1, 1, -1]
+    for surface, truth, words in (
+        (points * 100, points, "in cm"),
+        (points * 1000, points, "in mm"),
+        (points / 1000, points, "0.001 times as large"),
+        (points - spheres.CENTRE * 3, points, "not in the world's frame"),
+        (above[:, [0, 2, 1]] * [1, -1, 1], above, "this file's z does"),
+        (turned, points, "turned by 90° about x: the file has y up"),
+    ):
+        assert words in str(misplacement(surface, truth))
+    assert "turned" not in str(misplacement(turned - [0, 5, 0], points))
+
+
+def test_surfaces_are_read_as_the_world_has_them(tmp_path):
+    """Without vertices that no face uses; glTF's y is up; STL shares no vertices."""
+    box, ball = trimesh.creation.box((0.1, 0.2, 0.3)), trimesh.creation.icosphere(2)
+    trimesh.Trimesh(np.vstack([[9.0, 9, 9], box.vertices]), box.faces + 1, process=False).export(tmp_path / "box.ply")
+    made = read_surface(tmp_path / "box.ply")
+    np.testing.assert_allclose(made.vertices[made.faces], box.triangles, atol=1e-7)
+    assert len(made.vertices) == len(box.vertices)
+    box.export(tmp_path / "box.glb")
+    assert np.ptp(read_surface(tmp_path / "box.glb").vertices, axis=0) == pytest.approx([0.1, 0.3, 0.2])
+    ball.export(tmp_path / "ball.stl")
+    assert len(read_surface(tmp_path / "ball.stl").vertices) == len(ball.vertices)

@@ -1,7 +1,5 @@
 """The supplement's last experiment on a folder that this project writes: layout, cameras, training, Table 4."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 
@@ -110,12 +108,12 @@ def test_model_with_a_missing_image_fails_alone_and_is_read_once_it_exists(folde
     image.unlink()
     try:
         assert run_on(folder, tmp_path, objects, "read-renderings") == 1
-        (failure,) = ObjectRows(tmp_path, ["rendering"], None).left_out.values()
+        (failure,) = ObjectRows(tmp_path, ["rendering"], None).failed.values()
         assert failure == f"read-renderings: {image} is missing; a model has rendering_metadata.txt and 24 images, 00.png to 23.png"
     finally:
         image.write_bytes(content)
     assert run_on(folder, tmp_path, objects, "read-renderings") == 0
-    assert ObjectRows(tmp_path, ["rendering"], None).left_out == {}
+    assert ObjectRows(tmp_path, ["rendering"], None).failed == {}
 
 
 def test_empty_image_is_named(folder, objects, tmp_path):
@@ -125,7 +123,7 @@ def test_empty_image_is_named(folder, objects, tmp_path):
     Image.new("RGBA", (137, 137)).save(image)
     try:
         assert run_on(folder, tmp_path, objects, "read-renderings") == 1
-        (failure,) = ObjectRows(tmp_path, ["rendering"], None).left_out.values()
+        (failure,) = ObjectRows(tmp_path, ["rendering"], None).failed.values()
         assert failure == f"read-renderings: {image} shows nothing; download the model's renderings again"
     finally:
         image.write_bytes(content)

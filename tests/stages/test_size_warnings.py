@@ -1,7 +1,5 @@
 """Warnings of objects that fit neither the hand nor the image."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`implicit-any`: one network that is trained on, evaluated with and asked for every combination of inputs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -95,7 +93,7 @@ def test_half_of_the_items_with_image_and_touches_are_at_a_wrong_place_and_their
     """The balls' signed distances are still those of a ball, moved and scaled; items without an image or a touch stay where they are."""
     settings = resolve("train-implicit", "draft", (*SETTINGS, "train-implicit.placement_error=0.03"))
     items = Items(data, "train", settings.inputs, 6, learned=TrainImplicit.arrays)
-    network = reconstructor_type("implicit-any").network_type(settings.network(items.side), torch_generator(0, "weights"))
+    network = reconstructor_type(NAME).network_type(settings.network(items.side), torch_generator(0, "weights"))
     learner, plain = (
         ImplicitLearner(network, items, items, chosen, 0) for chosen in (settings, settings.model_copy(update={"placement_error": 0.0}))
     )
@@ -165,7 +163,7 @@ def test_missing_images_do_not_affect_other_items_of_the_batch(data):
 def test_step_without_images_gives_every_weight_a_gradient(data):
     """Processes that share a step wait for each of them."""
     settings = resolve("train-implicit", "draft", SETTINGS)
-    network = reconstructor_type("implicit-any").network_type(settings.network(spheres.SIDE), torch.Generator().manual_seed(0)).train()
+    network = reconstructor_type(NAME).network_type(settings.network(spheres.SIDE), torch.Generator().manual_seed(0)).train()
     none = {
         "images": None,
         "camera": None,

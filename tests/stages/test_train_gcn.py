@@ -1,7 +1,5 @@
 """The graph network's training: what it reads, that it learns, and that it is resumed to the bit."""
 
-from __future__ import annotations
-
 import multiprocessing
 import shutil
 from pathlib import Path
@@ -11,17 +9,16 @@ import pytest
 import torch
 
 from pipeline.errors import InvalidInput, StoreError
-from pipeline.kernels.geometry.mesh import mesh_edges
 from pipeline.kernels.metrics.chamfer import chamfer
 from pipeline.kernels.metrics.cloud_distances import sampled_area, sampling_floor
-from pipeline.kernels.metrics.surface_sampling import edge_length, sample_surface
+from pipeline.kernels.metrics.surface_sampling import sample_surface
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.models.families import load_reconstructor
 from pipeline.models.observation import Observation, stack_observations
 from pipeline.rng import torch_generator
+from pipeline.training.checkpoint import read_metrics
 from pipeline.training.items import Items
-from pipeline.training.loop import read_metrics
 from pipeline.training.reconstruction import Batch
 from stages.registry import resolve
 from stages.train_gcn.learner import GcnLearner
@@ -104,29 +101,6 @@ def test_loss_includes_the_length_of_edges(data):
     assert loss_of(data, edge_weight=4.0) - plain == pytest.approx(2 * 2 * 9000 * edges, rel=1e-3)
 
 
-def test_edge_weight_shortens_edges(tmp_path, data):
-    def edge(weight: float) -> float:
-        small: dict = {"gcn_layers": 3, "gcn_features": 24, "loss_points": 200, "samples_per_object": 1}
-        settings = GcnSettings(configuration="none", seams="tied", edge_weight=weight, **small)
-        config = settings.network(side=9)
-        items = Items(data, "train", config, 1)
-        network = DeformationNetwork(config, torch_generator(0, "weights"))
-        learner = GcnLearner(network, items, items, settings, 0)
-        optimizer = torch.optim.Adam(network.parameters(), lr=3e-3)
-        for step in range(30):
-            optimizer.zero_grad()
-            learner.loss(network, learner.read([0], [torch_generator(0, step)])).backward()
-            optimizer.step()
-        seen = stack_observations([items.view(0, 1, np.array([0]))], config, camera=None, like=torch.zeros(()))
-        vertices = network(**vars(seen)).detach()
-        edges = torch.from_numpy(mesh_edges(network.charts.position[network.charts.faces])[0])
-        return float(edge_length(network.merge_coinciding(vertices), edges))
-
-    without, asked = edge(0.0), edge(50.0)
-    print(f"mean squared edge {without:.3g} m², {asked:.3g} m² with its weight")
-    assert asked < 0.7 * without
-
-
 def test_each_configuration_reads_its_inputs_only():
     reads = {name: {artifact.name for artifact in TrainGcn().inputs(GcnSettings(configuration=name))} for name in CONFIGURATIONS}
     assert reads["none"] == {"surfaces"}
@@ -143,6 +117,9 @@ def test_configuration_without_input_trains_without_images_and_touches(data):
     assert reconstruction.vertices.shape == (1824, 3)
     assert reconstruction.vision == 1824
     assert np.abs(reconstruction.vertices - [0, 0, 0.6]).max() < 0.6
+    restricted = load_reconstructor("none", folder).restricted_to(CONFIGURATIONS["occluded"])
+    with pytest.raises(InvalidInput, match="some are missing or differ"):
+        restricted.reconstruct([Observation(None)])
     with pytest.raises(StoreError, match="has not been made"):
         run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=touch", *SMALL)
 
@@ -193,21 +170,9 @@ def test_items_begin_with_each_grasp_in_turn_and_never_repeat_a_grasp(data):
         chosen = [items.grasps_of(item, count, everything) for count in (1, 3, 5)]
         assert all(grasps[0] == item for grasps in chosen)
         assert [len(set(grasps)) for grasps in chosen] == [1, 3, 5]
-
-
-def test_fewer_items_than_grasps_begin_with_each_grasp_eventually(data):
-    items = Items(data, "train", GcnSettings(configuration="none").network(9), 1)
-    firsts = {items.grasps_of(0, 2, np.random.default_rng(epoch).permutation(5))[0] for epoch in range(40)}
-    assert firsts == set(range(5))
-    assert items.grasps_of(0, 3, np.array([3, 1, 0, 2, 4])) == [3, 1, 0]
-
-
-def test_observation_without_a_required_input_is_an_error(data):
-    folder = run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=none", *SMALL)
-    assert folder is not None
-    reconstructor = load_reconstructor("none", folder).restricted_to(CONFIGURATIONS["occluded"])
-    with pytest.raises(InvalidInput, match="some are missing or differ"):
-        reconstructor.reconstruct([Observation(None)])
+    fewer = Items(data, "train", GcnSettings(configuration="none").network(9), 1)
+    assert {fewer.grasps_of(0, 2, np.random.default_rng(epoch).permutation(5))[0] for epoch in range(40)} == set(range(5))
+    assert fewer.grasps_of(0, 3, np.array([3, 1, 0, 2, 4])) == [3, 1, 0]
 
 
 def test_diverged_network_is_refused(data):
@@ -233,13 +198,9 @@ def test_diverged_network_is_refused(data):
         ({"min_grasps": 4, "max_grasps": 2}, "min_grasps is 4, max_grasps 2"),
         ({"gcn_layers": 1001}, "less than or equal to 1000"),  # could not be read again
         ({"passes": 101}, "less than or equal to 100"),
+        ({"configuration": "sight"}, "unknown configuration sight; choose from none, touch"),
     ],
 )
 def test_invalid_network_settings_are_refused(settings, words):
     with pytest.raises(ValueError, match=words):
         GcnSettings(**settings)
-
-
-def test_unknown_configuration_is_refused():
-    with pytest.raises(ValueError, match="unknown configuration sight; choose from none, touch"):
-        GcnSettings(configuration="sight")

@@ -1,7 +1,5 @@
 """Implicit networks from training to mesh file: what they learn of balls is measured, drawn and written as what charts are."""
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
 

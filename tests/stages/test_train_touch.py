@@ -1,7 +1,5 @@
 """`train-touch` on random presses of a small calibrated sensor: what is learnt from, that it learns, and how the model is used."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Small real datasets for the tests of learning, made by the stages themselves."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pipeline.config.manifest import Manifest

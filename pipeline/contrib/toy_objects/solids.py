@@ -160,6 +160,16 @@ def sweep(points: Rows, width: float, height: float, exponent: float = 3.0) -> S
     return loft(line[:, None] + flat[..., :1] * lateral + flat[..., 1:] * up[:, None])
 
 
+def bow(
+    half: Sequence[tuple[float, float]],  # (x, z) from the end at +x to the middle
+    width: float,
+    height: float,
+) -> Solid:
+    """Sweep an arch over the plane x = 0, its left half mirrored."""
+    left, right = [(-x, 0.0, z) for x, z in half], [(x, 0.0, z) for x, z in half[::-1] if x]
+    return sweep([*left, *right], width, height)
+
+
 def coil(rows: Rows, turns: float, axis: str = "z") -> Solid:
     """Wind a wire around an axis, rising evenly: rows (position, radius of the turn, radius of the wire)."""
     table, share = np.asarray(rows, float), np.linspace(0.0, 1.0, int(32 * turns))

@@ -10,7 +10,7 @@ MEASURED = 0.9  # share of a chart's pixels that must be measured, its corners a
 UNEVEN = 2e-3  # m: RMS of the depths around the chart, above which a window holds an edge of the object, or noise
 STEEP = 2.0  # slope against the image plane above which a surface is seen at too flat an angle
 CHARTS = 64  # most charts, spread evenly over the surface; five grasps make twenty touch charts
-RIM = 1  # pixels at the rim of the mask that are left out: cameras mix depths there
+RIM = 1  # pixels at the rim of the mask that are dropped: cameras mix depths there
 
 
 def visible_charts(

@@ -22,10 +22,9 @@ MAX_LATTICE = 2_000_000  # points of the lattice in a shape: at 3 mm a cube of 0
 
 @dataclass(frozen=True, eq=False)
 class CollisionSpheres:
-    """Spheres inside the rigid links that together reach their surfaces, grouped by link.
+    """Spheres inside the rigid links that together reach their surfaces, grouped by link, for distances to an object.
 
-    The distance of a link from an object is the least, over its spheres, of the object's distance from the centre less the radius. That
-    finds parts of the object inside a link as well as points of the link inside the object.
+    By their centres less the radii, parts of the object inside a link are found as well as points of the link inside the object.
     """
 
     centres: Array  # (B, 3) in the frame of the link, m

@@ -75,13 +75,13 @@ def _slab_points(mesh: Mesh, count: int) -> list[Array]:
     ]
 
 
-def _crossings(edges: Array, axis: int, place: float) -> Array:
+def _crossings(edges: Array, axis: int, height: float) -> Array:
     """Compute where edges (E, 2, 3) cross a plane across an axis."""
-    above = edges[:, :, axis] > place
+    above = edges[:, :, axis] > height
     first, second = np.moveaxis(edges[above[:, 0] != above[:, 1]], 1, 0)
-    share = (place - first[:, axis]) / (second[:, axis] - first[:, axis])
+    share = (height - first[:, axis]) / (second[:, axis] - first[:, axis])
     points: Array = first + share[:, None] * (second - first)
-    points[:, axis] = place
+    points[:, axis] = height
     return points
 
 
@@ -101,7 +101,7 @@ def _hull(points: Array) -> Mesh | None:
 def _hull_within(corners: Array, tolerance: float) -> Mesh:
     """Compute the hull of some corners (N, 3) of a convex body, outside of which no other corner is farther than `tolerance`."""
     kept = np.zeros(len(corners), bool)
-    kept[ConvexHull(corners, qhull_options=f"Qt W{tolerance:.17g}").vertices] = True  # W: what is nearer to a facet's plane is left out
+    kept[ConvexHull(corners, qhull_options=f"Qt W{tolerance:.17g}").vertices] = True  # W: what is nearer to a facet's plane is dropped
     while True:
         hull = _exact_hull(corners[kept])
         distances, facets = _nearest(corners, hull)
@@ -154,11 +154,8 @@ def _outside(points: Array, hull: ConvexHull) -> Array:
     return distance
 
 
-def buried_gels(hand: Hand, sensors: Sequence[Sensor]) -> Iterator[tuple[bool, str]]:
-    """Describe the sensors of a hand whose plane lies below their link's surface.
-
-    Yield whether all of the gel does, in its middle, and a sentence with the remedy.
-    """
+def buried_gels(hand: Hand, sensors: Sequence[Sensor]) -> Iterator[tuple[bool, str]]:  # whether all of the gel lies below
+    """Describe the sensors of a hand whose plane lies below their link's surface, each with the remedy."""
     for mount, sensor in zip(hand.sensors, sensors, strict=True):
         link, (origin, normal), top = hand.links[mount.link], (mount.pose[:3, 3], mount.pose[:3, 2]), gel_top(sensor)
         depth = depth_in_link(link, origin, normal, ahead=top)

@@ -97,8 +97,7 @@ def blocked_fingers(hand: Hand, boxes: CollisionBoxes, postures: PostureSamples,
     return sentences
 
 
-def _between(hand: Hand, overlaps: list[LinkOverlap], *fingers: set[int]) -> list[LinkOverlap]:
-    """Select the overlaps between links of these fingers; -1 is the palm."""
+def _between(hand: Hand, overlaps: list[LinkOverlap], *fingers: set[int]) -> list[LinkOverlap]:  # -1 is the palm
     return [overlap for overlap in overlaps if {int(hand.link_fingers[link]) for link in (overlap.first, overlap.second)} in fingers]
 
 

@@ -40,10 +40,7 @@ class RetrievalCloud:
         return tuple(levels)
 
     def bound(self, target: "RetrievalCloud", level: int) -> float:
-        """Compute a lower bound of the mean squared distance to the nearest points of `target`; at the last level, the distance itself.
-
-        Triangle inequality: a point r away from a coarse point is at most r nearer to the target than that.
-        """
+        """Compute a lower bound of the mean squared distance to `target`, by the triangle inequality; at the last level, itself."""
         if level == len(COARSE):
             return mean_squared_distance(target.tree, self.points)
         points, nearest, distances = self.coarse[level]
@@ -58,10 +55,7 @@ def nearest_cloud(
     both: bool,  # the Chamfer distance, or the mean squared distance from the query's points alone
     below: float = np.inf,  # only a smaller distance counts
 ) -> tuple[float, int] | None:  # distance, in the square of the clouds' unit, and number of the first cloud that has it
-    """Find the cloud nearest to a query, with the same result, to the bit, as a comparison with all of them.
-
-    The cloud with the least bound is compared at its next level, repeatedly, until its bound is the distance itself.
-    """
+    """Find the cloud nearest to a query, as a comparison with all would, to the bit: the least bound is refined until it is exact."""
     queue = [(0.0, False, number, 0) for number in range(len(clouds))]  # bound, whether it is the distance, cloud, level
     while queue:
         bound, exact, number, level = heappop(queue)

@@ -112,10 +112,7 @@ def quantise_depth(
 
 @compiled
 def _round(depth: Array, gel: float, beyond: np.float32, gel_steps: float, far_steps: float, rounded: Array32) -> None:
-    """Round to multiples of 1/gel_steps below `gel` and of 1/far_steps beyond, both powers of two; 0 for not at all.
-
-    `beyond` is the least float32 that is not below `gel`: a surface outside the gel stays outside.
-    """
+    """Round to multiples of 1/gel_steps below `gel` and of 1/far_steps beyond, or to `beyond`, the least float32 not below it."""
     for i in range(len(depth)):
         steps = gel_steps if depth[i] < gel else far_steps
         rounded[i] = depth[i] if steps == 0 else np.rint(depth[i] * steps) / steps

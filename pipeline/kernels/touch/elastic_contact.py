@@ -21,8 +21,7 @@ from pipeline.kernels.touch.sensor import Gel, Sensor
 
 REACH = 30.0  # thicknesses from a load at which a layer no longer moves: less than 1e-9 of a half-space's displacement
 KNOTS_PER_THICKNESS = 100
-WAVES, NODES = 16.0, 400
-"""Greatest wave number times thickness at which a layer differs from a half-space, by 1e-13, and nodes of the quadrature up to it."""
+WAVES, NODES = 16.0, 400  # wave number times thickness from which a layer is a half-space to 1e-13; nodes of the quadrature
 GAUSS = (-0.5 / 3**0.5, 0.5 / 3**0.5)  # nodes of a quadrature over a cell, in cells
 MAX_CELLS = 160  # along the longer side of an image, on which contact is solved; with more pixels, several share a cell
 TOLERANCE = 1e-4  # largest gap in the contact over the deepest impression; the force errs by as much

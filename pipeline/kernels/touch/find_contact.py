@@ -36,7 +36,7 @@ def find_contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> Circ
     Opposite sides of a ball slope oppositely, and their colours change oppositely: the centre is first sought where the change of
     colour is most nearly an odd function, and the rim as the circle around it where colours fade fastest. Lamps and the image's rim
     shift that centre. So a circle is fitted by RANSAC to the points, one in each direction that the image shows, where the strength
-    of the change falls most, twice, and at last to those where colours jump most.
+    of the change falls most, twice, and finally to those where colours jump most.
     """
     change = gaussian(image.astype(float) - untouched, 1.5, channel_axis=2)
     change -= np.median(change, axis=(0, 1))

@@ -59,8 +59,7 @@ def corner_normals(vertices: Array, faces: NDArray[np.int32]) -> Array:
     return smooth.reshape(-1, 3, 3)
 
 
-def _corner_angles(triangles: Array) -> Array:
-    """Compute the angle at every corner, (F, 3) rad."""
+def _corner_angles(triangles: Array) -> Array:  # (F, 3) rad
     ahead = np.roll(triangles, -1, axis=1) - triangles
     behind = np.roll(triangles, 1, axis=1) - triangles
     cross = np.linalg.norm(np.cross(ahead, behind), axis=2)

@@ -128,7 +128,7 @@ def test_images_are_left_out_if_one_object_was_seen_by_another_camera(data, tmp_
     assert fitting_rows(DataDirectory(data)) == ([f"{DEFAULT}-{way}" for way in WAYS], [])
     rows, reasons = fitting_rows(DataDirectory(copy))
     assert rows == [f"{DEFAULT}-touch"]
-    assert "unoccluded: not all images are from the camera that it knows" in reasons
+    assert any(reason.startswith("unoccluded: not all images are from the camera") for reason in reasons)
 
 
 def test_rows_name_the_test_objects_that_the_network_has_learned_from(data, tmp_path, monkeypatch):

@@ -1,7 +1,5 @@
 """Rendered images against ray casts and closed forms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Images of nothing and of everything, in black, white and too bright a light."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Renderers in fresh processes, without OpenGL, and over many objects."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

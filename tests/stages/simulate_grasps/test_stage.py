@@ -1,7 +1,5 @@
 """The stage: rows as the schema declares them, and objects that cannot be grasped."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The stage on modelled objects: rows as declared, one array from another, equal for any number of pressed objects."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
