@@ -121,7 +121,6 @@ def test_mirrored_object_keeps_its_outside(tmp_path: Path) -> None:
     ("resources", "build", "said"),
     [
         (solid() + solid(2, 9, ' type="support"'), BUILD + '<item objectid="2"/>', "object 2 is skipped; it is a support"),
-        (solid() + solid(2, 9, ' type="solidsupport"'), BUILD + '<item objectid="2"/>', "object 2 is skipped; it is a support"),
         (
             solid() + solid(2, 9, ' type="other"') + whole(3, 'objectid="1"', 'objectid="2"'),
             '<item objectid="3"/>',
@@ -164,7 +163,6 @@ def test_what_is_left_out_is_said(tmp_path: Path, resources: str, build: str, sa
         (solid(attributes=' type="support"'), "nothing of it is built: object 1 is skipped"),
         ('<object id="1"><mesh/></object>', "nothing of it is built: its build has no item with triangles"),
         (solid().replace('v1="', 'v1="9'), r"a face names a vertex outside 0\.\.7"),
-        (solid().replace('x="0', 'x="a'), "cannot be read as 3MF"),
     ],
 )
 def test_shapes_that_cannot_be_read_are_refused(tmp_path: Path, resources: str, message: str) -> None:
