@@ -59,7 +59,6 @@ class Directory(FolderSource):
             yield Object(item.name, item.category or self.category, self.describe(folder / item.file, folder))
 
     def _find_objects(self, root: Path | None) -> tuple[Path, list[Path], FoundObjects]:
-        """Find the folder, all files and folders below it, and the objects among them."""
         folder = self.folder(root, "a folder of meshes")
         entries = sorted(islice(folder.rglob("*"), MAX_ENTRIES + 1))
         if len(entries) > MAX_ENTRIES:

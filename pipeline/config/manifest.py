@@ -140,7 +140,6 @@ class Manifest(BaseModel):
         return self.model_copy(update={"sources": tuple(changed)})
 
     def _with_paths_below(self, folder: Path) -> "Manifest":
-        """Return the manifest with its sources' relative paths counted from a folder."""
         sources = [
             source.model_copy(update={"path": folder / expanded(source.path)})
             if isinstance(source, FolderSource) and source.path
@@ -205,7 +204,6 @@ def _sizes(shares: Sequence[float], objects: int) -> list[int]:
 
 
 def _check_names(objects: Sequence[Object]) -> None:
-    """Refuse invalid and repeated names of objects, which are sorted by id."""
     for item in objects:
         if not OBJECT_ID.fullmatch(item.object_id):
             rule = "up to 120 letters, digits, '.', '_', '-' can, the first no '.', and not zarr.json: rename it, or its file"

@@ -111,7 +111,6 @@ def _names(files: Sequence[Path]) -> set[str]:
 
 
 def _named_by_folder(first: tuple[tuple[str, ...], Sequence[Path]], *_: object) -> bool:
-    """Check whether the meshes of a folder have its name or a generic one."""
     home, files = first
     return _names(files) <= {home[-1].lower()}
 

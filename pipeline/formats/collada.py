@@ -89,7 +89,6 @@ def rewrite_effects(content: bytes, unread: list[str]) -> tuple[bytes, set[str]]
 
 
 def _show_emission(shader: Element) -> None:
-    """Rename a colour or texture that a shader emits if it has no other one."""
     emission, diffuse = shader.find("emission"), shader.find("diffuse")
     if emission is None or not _shows(emission) or (diffuse is not None and _shows(diffuse)):
         return
@@ -136,7 +135,6 @@ def _wraps(effect: Element, params: Mapping[str | None, Element]) -> Iterator[tu
 
 
 def _image_id(name: str, params: Mapping[str | None, Element]) -> str:
-    """Follow a shader's texture to its sampler, surface and image."""
     for path in ("sampler2D/source", "surface/init_from"):
         if name in params:
             name = (params[name].findtext(path) or name).strip()
@@ -195,7 +193,6 @@ def _positions(content: bytes, source: bytes) -> Array | None:
 
 
 def _source_id(text: bytes, semantic: bytes) -> bytes:
-    """Return the id of the source of the input with a semantic."""
     named = (_attribute(given, b"source") for given in INPUT.findall(text) if _attribute(given, b"semantic") == semantic)
     return next(named, b"").removeprefix(b"#")
 

@@ -62,7 +62,6 @@ def description_path(kind: Kind, name: str | Path) -> Path:
 
 
 def _similar_file(path: Path) -> Path | None:
-    """Find a YAML file beside a path with a similar name."""
     neighbours = {file.name: file for file in islice(path.parent.glob("*.y*ml"), 1000)} if path.parent.is_dir() else {}
     return neighbours.get(closest_name(path.name, neighbours) or "")
 

@@ -178,7 +178,6 @@ class _Nodes:
 
 
 def _pose(node: dict[str, Any]) -> Array:
-    """Return the matrix (4, 4) of a node in its parent."""
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     return pose_matrix(*(node.get(name.lower(), default) for name, default in REST.items()))

@@ -118,7 +118,6 @@ _cached: dict[Path, tuple[list[str] | None, Hand]] = {}
 
 
 def _digests(hand: Hand) -> list[str] | None:
-    """Hash the files of a hand; None if one is missing."""
     try:
         return [hashlib.sha256(file.read_bytes()).hexdigest() for file in hand.files]
     except OSError:

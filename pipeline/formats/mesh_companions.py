@@ -122,7 +122,6 @@ class Companions(Mapping[str, bytes]):
         return self._find(plain[match.end() :]) if (match := OPTIONS.match(plain)) else None
 
     def _regular(self, path: Path) -> Path | None:
-        """Resolve a path to a regular file below the root; None where there is none."""
         try:
             resolved = path.resolve()
             return resolved if resolved.is_relative_to(self._root) and resolved.is_file() else None
@@ -202,7 +201,6 @@ class _Listing:
 
 @lru_cache(maxsize=2)
 def _list(root: Path, period: int) -> _Listing:
-    """List the files below a folder, without following links to folders."""
     files, with_meshes, entries = defaultdict[str, list[tuple[str, ...]]](list), set[tuple[str, ...]](), 0
     for directory, folders, names in os.walk(root):
         entries += len(folders) + len(names)
@@ -219,5 +217,4 @@ def _list(root: Path, period: int) -> _Listing:
 
 
 def _common(one: tuple[str, ...] | list[str], other: tuple[str, ...] | list[str]) -> int:
-    """Count the equal parts at the beginning."""
     return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(one, other, strict=False)))

@@ -87,7 +87,6 @@ def rewrite_lines(content: bytes) -> bytes:
 
 
 def _offsets(kind: bytes, text: bytes) -> NDArray[np.int64]:
-    """Find where the lines of a kind begin."""
     return np.array([match.start() for match in re.finditer(rb"^" + kind + b" ", text, re.MULTILINE)], np.int64)
 
 
@@ -235,5 +234,4 @@ def losses(material: Any, uv: np.ndarray | None) -> Iterator[str]:
 
 
 def _file(text: str) -> str:
-    """Return the file that a texture statement names, without options."""
     return text[match.end() :] if (match := OPTIONS.match(text)) else text

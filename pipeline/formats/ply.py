@@ -94,7 +94,6 @@ def _cut_strips(element: Element) -> NDArray[np.int64]:
 
 
 def _check_elements(elements: Iterable[Element], unread: list[str]) -> None:
-    """Refuse elements with lists of vertices, which belong to the shape, and note others."""
     for element in elements:
         if element.length and any("vert" in name and not name.startswith("tex") for name in element.sizes):
             raise InvalidInput(f"it has {element.name} with lists of vertices, which cannot be read; export it as triangles")

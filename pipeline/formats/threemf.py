@@ -131,7 +131,6 @@ class _Builder:
                 raise InvalidInput(f"object {number} is a {child.tag}, which cannot be read; export it as triangles")
 
     def _mesh(self, part: Model, thing: Element, mesh: Element, pose: Array) -> Iterator[Mesh]:
-        """Build the mesh of an object."""
         name = f"object {thing.attributes['id']} of {part.name}"
         if other := {child.tag for child in mesh.children} - {"vertices", "triangles", "trianglesets", "metadatagroup"}:
             raise InvalidInput(f"{name} has a {min(other)}, which cannot be read; export it as triangles")
@@ -189,7 +188,6 @@ class _Builder:
         return self._properties.setdefault(part.name, table)
 
     def _texture(self, part: Model, group: Element) -> NDArray[np.uint8] | None:
-        """Decode the texture of a group of coordinates."""
         texture = part.resources.get(group.attributes["texid"], group)
         path = texture.attributes.get("path", "")
         if path not in self._package:
@@ -226,7 +224,6 @@ def _entries(thing: Element, properties: NDArray[np.int64], table: _Properties) 
 
 
 def _color(text: str) -> tuple[int, int, int, int]:
-    """Read a colour #RRGGBB or #RRGGBBAA in sRGB; grey if it is none."""
     if not re.fullmatch(r"#([0-9a-fA-F]{6}|[0-9a-fA-F]{8})", text.strip()):
         return GREY
     red, green, blue, opacity, *_ = (*bytes.fromhex(text.strip()[1:]), 255)

@@ -100,7 +100,6 @@ def _is_package(folder: Path) -> bool:
 
 
 def _is_below(path: Path, root: Path) -> bool:
-    """Check whether a path leads below a folder, after following links."""
     try:
         return path.resolve().is_relative_to(root.resolve())
     except (OSError, ValueError, RuntimeError) as error:  # too long, a zero byte, a link to itself
@@ -154,7 +153,6 @@ def origin_of(element: Element) -> tuple[Array, tuple[float, ...]]:
 
 
 def _sizes(element: Element, **counts: int) -> tuple[float, ...]:
-    """Read the positive numbers of attributes, given the count of each."""
     sizes: list[float] = []
     for key, count in counts.items():
         numbers = numbers_of(element, key, (0.0,) * count)
