@@ -81,7 +81,7 @@ class ShardUnits(Plan[ShardOutput]):
                 origin = {"source": keys.source_key(item.source)}
             except (OSError, InvalidInput) as error:
                 origin = {"unreadable": str(error)}
-                failure = Failure(stage=self.stage.name, reason=f"its file cannot be read: {error}; mend or remove it")
+                failure = Failure(stage=self.stage.name, reason=f"its file cannot be read: {error}; fix or remove it")
         key = keys.object_key(self.stage_key, item.object_id, item.category, origin)
         return Unit(item.object_id, key, inputs, self.request.seed, item.category, item.split, item.source, failure)
 
