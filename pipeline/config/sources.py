@@ -55,7 +55,7 @@ class Source(BaseModel):
     url: str | None = Field(
         None,
         pattern="^https?://[!-~]{1,1000}$",
-        description="Where its files can be had, for whoever makes the dataset again from its recipe: the address of a web page.",
+        description="Address from which its files can be downloaded by whoever makes the dataset again from its recipe.",
     )
 
     @abstractmethod
