@@ -1,7 +1,6 @@
 """A data directory of balls, written by the real runner: what every stage would have made of them, in closed form, and untrained models."""
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -198,8 +197,8 @@ class Given(ObjectStage):
     def cost(self, settings: Settings) -> Cost:
         return Cost(0.0, 0.0)
 
-    def session(self, settings: Settings, models: Mapping[str, Path]) -> AbstractContextManager[Callable[[Unit, Inputs], Row]]:
-        return nullcontext(lambda unit, inputs: self.row(unit))
+    def process(self, unit: Unit, inputs: Inputs, settings: Settings) -> Row:
+        return self.row(unit)
 
     def constants(self, settings: Settings) -> Row:
         return self._constants
