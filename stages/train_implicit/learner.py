@@ -12,7 +12,7 @@ from pipeline.training.items import Items
 from pipeline.training.reconstruction import Batch, ReconstructionLearner
 
 MISPLACED = 0.5
-"""Share of the items with image and touches that are at a wrong place, if `placement_error` is not 0."""
+"""Share of the items with image and touches that are displaced, if `placement_error` is not 0."""
 
 
 class ImplicitLearner(ReconstructionLearner):
@@ -42,12 +42,12 @@ class ImplicitLearner(ReconstructionLearner):
         config = self._config
         observations, (queries, distances) = list(batch.observations), batch.targets
         for number, (observation, generator) in enumerate(zip(batch.observations, generators, strict=True)):
-            place = draw_misplacement(deviation, config.centre, config.radius, generator)
+            displacement = draw_misplacement(deviation, config.centre, config.radius, generator)
             is_chosen = float(torch.rand((), generator=generator, dtype=torch.float64)) < MISPLACED
             if is_chosen and observation.image is not None and observation.touched.any():
-                observations[number] = misplace(observation.scaled(config.centre), place, np.array(config.centre))
-                queries[number] = torch.from_numpy(place.moved(queries[number].numpy()))
-                distances[number] *= place.scale
+                observations[number] = misplace(observation.scaled(config.centre), displacement, np.array(config.centre))
+                queries[number] = torch.from_numpy(displacement.moved(queries[number].numpy()))
+                distances[number] *= displacement.scale
         return Batch(observations, (queries, distances), generators)
 
     def loss(self, network: Any, batch: Batch) -> Tensor:
