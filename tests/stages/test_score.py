@@ -188,7 +188,7 @@ def test_invalid_method_name_or_folder_is_refused(data, tmp_path):
     assert "no folder" in vt("score", tmp_path / "none", data, fails=True)
     assert "no file of a test object" in vt("score", tmp_path, data, fails=True)
     assert "a method's name" in vt("score", tmp_path, data, "--name", "a/b", fails=True)
-    assert "--name shipped: that is the network that ships" in vt("score", tmp_path, data, "--name", "shipped", fails=True)
+    assert "--name shipped: that is the pretrained network" in vt("score", tmp_path, data, "--name", "shipped", fails=True)
 
 
 def test_dataset_without_occluded_images_is_scored(data, folder, tmp_path):
@@ -254,7 +254,7 @@ def test_outdated_scores_are_not_reported(data, folder, tmp_path, monkeypatch):
         assert "not of schema version 99" in outdated_scores(DataDirectory(copy))["scores/old"]
     seal(copy / "scores/old.json", lambda record: {"inputs": record["inputs"] | {"surfaces": "0" * 64}})
     assert "scores/old" not in scores(DataDirectory(copy))
-    assert "scores/old is left out" in vt("report", copy, "--no-pages")
+    assert "scores/old is outdated" in vt("report", copy, "--no-pages")
 
 
 def test_misplacement_names_unit_and_axis_and_accepts_bad_reconstructions():
