@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pipeline.kernels.geometry.mesh import Mesh
 
 NOT_UTF8 = re.compile("[\ud800-\udfff]")
-"""Characters that Python puts in place of bytes of a file's name that are not UTF-8 (`surrogateescape`)."""
+"""Characters that Python writes for bytes of a file's name that are not UTF-8 (`surrogateescape`)."""
 MAX_OBJECTS = 200_000  # most objects of a source: listing them takes a second, and memory, before anything else is done
 
 
@@ -55,7 +55,7 @@ class Source(BaseModel):
     url: str | None = Field(
         None,
         pattern="^https?://[!-~]{1,1000}$",
-        description="Where its files can be had, for whoever makes the dataset again from its recipe: the address of a web page.",
+        description="Address from which its files can be downloaded by whoever makes the dataset again from its recipe.",
     )
 
     @abstractmethod
@@ -91,7 +91,7 @@ class MeshSource(Source):
         "one size. Or `--units`.",
     )
 
-    def placed(self, file: Path, root: Path, up: str | None = None, metres_per_unit: float | None = None) -> dict[str, Any]:
+    def describe(self, file: Path, root: Path, up: str | None = None, metres_per_unit: float | None = None) -> dict[str, Any]:
         """Describe how to load a file of this source; it may name files below `root`, and state its up-axis and unit.
 
         An `InvalidInput` says that its path has control characters, or bytes that are not UTF-8, in which records are
@@ -109,7 +109,7 @@ class MeshSource(Source):
         }
 
     def remarks(self, root: Path | None) -> Iterator[str]:
-        """Report the recognised layout of the folder, and files that look like objects but are left out."""
+        """Report the recognised layout of the folder, and skipped files that look like objects."""
         yield from ()
 
 
@@ -173,7 +173,7 @@ class Pybullet(MeshSource):
         for name, file, up in [*named_files, *numbered_files]:
             if not (data / file).is_file():
                 raise InvalidInput(f"there is no {file!r} in {data}; correct the path of {name}, or reinstall the pinned packages")
-            yield Object(name, self.category, self.placed(data / file, (data / file).parent, up))
+            yield Object(name, self.category, self.describe(data / file, (data / file).parent, up))
 
 
 def fingerprint(source: dict[str, Any]) -> dict[str, Any]:

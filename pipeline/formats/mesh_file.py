@@ -113,7 +113,6 @@ def _build(part: Any, pose: Array, look: dict[str, Any]) -> Mesh:
 
 
 def _look(part: trimesh.Trimesh, textures: Textures) -> dict[str, Any]:
-    """Read the look of one of trimesh's parts, as `build_part` takes it."""
     visual: Any = part.visual
     color, uv, texture = np.array(WHITE if visual.kind == "vertex" else GREY, np.uint8), None, None
     if visual.kind == "texture":
@@ -131,7 +130,6 @@ def _look(part: trimesh.Trimesh, textures: Textures) -> dict[str, Any]:
 
 
 def _join(meshes: list[Mesh]) -> Mesh:
-    """Join meshes into one; each part keeps its look."""
     looks = [mesh.look for mesh in meshes]
     textures = list({id(texture): texture for look in looks for texture in look.textures}.values())
     numbers = {id(texture): number for number, texture in enumerate(textures)}

@@ -119,7 +119,6 @@ def _link(element: Element, folder: Path, materials: Mapping[str, Color], read: 
 
 
 def _inertial(link: Element) -> Inertial | None:
-    """Read the mass and the moments of a link; None where it states no mass."""
     inertial = link.find("inertial")
     if inertial is None:
         return None

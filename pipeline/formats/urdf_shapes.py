@@ -78,7 +78,7 @@ def mesh_path(name: str, folder: Path) -> tuple[Path, Path]:
     """
     folder = folder.resolve()
     ancestors = list(islice((folder, *folder.parents), MAX_LEVELS))
-    root = next((place for place in ancestors if _is_package(place)), folder.parent)
+    root = next((ancestor for ancestor in ancestors if _is_package(ancestor)), folder.parent)
     scheme, _, rest = name.rpartition("://")
     if scheme not in ("package", "model"):
         path = folder / name.removeprefix("file://")
@@ -86,8 +86,9 @@ def mesh_path(name: str, folder: Path) -> tuple[Path, Path]:
             return path, root
         raise InvalidInput(f"{name!r} lies outside {root}, the package of the URDF; {REMEDY}")
     package, _, inner = rest.partition("/")
-    places = [(place / rest, place / package if _is_package(place / package) else root) for place in ancestors]
-    existing = [(path, limit) for path, limit in (*places, *((place / inner, root) for place in ancestors if inner)) if path.is_file()]
+    candidates = [(folder / rest, folder / package if _is_package(folder / package) else root) for folder in ancestors]
+    candidates += [(folder / inner, root) for folder in ancestors if inner]
+    existing = [(path, limit) for path, limit in candidates if path.is_file()]
     for path, limit in existing:
         if _is_below(path, limit):
             return path, limit
@@ -101,7 +102,6 @@ def _is_package(folder: Path) -> bool:
 
 
 def _is_below(path: Path, root: Path) -> bool:
-    """Check whether a path leads below a folder, after following links."""
     try:
         return path.resolve().is_relative_to(root.resolve())
     except (OSError, ValueError, RuntimeError) as error:  # too long, a zero byte, a link to itself
@@ -155,7 +155,6 @@ def origin_of(element: Element) -> tuple[Array, tuple[float, ...]]:
 
 
 def _sizes(element: Element, **counts: int) -> tuple[float, ...]:
-    """Read the positive numbers of attributes, given the count of each."""
     sizes: list[float] = []
     for key, count in counts.items():
         numbers = numbers_of(element, key, (0.0,) * count)

@@ -29,7 +29,6 @@ class HandBody:
     """A hand that a client has loaded; `links` are PyBullet's numbers of the hand's links, `motors` those of its joint vector."""
 
     def __init__(self, client: PhysicsClient, hand: Hand, urdf: Path) -> None:
-        """Load a URDF from `write_hand_urdf`."""
         self.client, self.hand = client, hand
         flags = pybullet.URDF_USE_SELF_COLLISION | pybullet.URDF_IGNORE_VISUAL_SHAPES | pybullet.URDF_USE_INERTIA_FROM_FILE
         self.body = client.loadURDF(str(urdf), useFixedBase=True, flags=flags)
@@ -59,7 +58,6 @@ class HandBody:
         return joint
 
     def _is_above(self, upper: int, link: int) -> bool:
-        """Return whether one link of the hand carries another."""
         while link > upper:  # parents come before children
             link = self.hand.joints[link - 1].parent
         return link == upper

@@ -153,7 +153,6 @@ def _add_joint(robot: Element, joint: Joint, hand: Hand) -> None:
 
 
 def _add_plate(robot: Element, hand: Hand, number: int, sensor: Sensor) -> None:
-    """Add the plate of a gel, which slides from the sensor plane to the surface of the gel."""
     link = SubElement(robot, "link", name=gel_name(number))
     _add_inertial(link, Inertial(GEL_MASS, np.zeros(3), (0.0, 0.0, 0.0), (1e-6, 0.0, 0.0, 1e-6, 0.0, 1e-6)))
     plate = SubElement(link, "collision")

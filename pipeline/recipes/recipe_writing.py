@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pipeline.config.folder_sources import Catalogue, Directory, ShapeNet
+from pipeline.config.folder_sources import FolderSource, ShapeNet
 from pipeline.config.manifest import Manifest, Object, load_manifest
 from pipeline.config.sources import fingerprint
 from pipeline.console import abbreviate
@@ -14,7 +14,7 @@ from pipeline.engine.plan import Request
 from pipeline.engine.stage import ObjectStage
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.file_content import expanded
-from pipeline.recipes.own_files import DESCRIBED, find_files, own_names, own_path, read_files
+from pipeline.recipes.own_files import find_files, own_names, own_path, read_files, with_names
 from pipeline.recipes.recipe import SHORT_DIGITS, Recipe, RecipeRow, StageRecipe, object_lines, roots_of
 from pipeline.store import digest
 from pipeline.store.collection import Collection
@@ -23,8 +23,6 @@ from pipeline.store.record import ShardRecord
 from pipeline.store.storage import Location
 from schemas.catalogue import ARTIFACTS
 from stages.registry import DATASET, load_stage
-
-Folders = Directory | Catalogue | ShapeNet
 
 
 def source_hash(source: Mapping[str, Any]) -> str:
@@ -143,8 +141,9 @@ def _stage_recipe(name: str, collection: Collection, shards: int, names: Mapping
     stage: Any = load_stage(name)
     settings = stage.settings_type.model_validate(record.settings)
     rows = {object_id: (collection.row(object_id).digest, collection.row(object_id).split) for object_id in collection}
+    recipe_names = {own: names[own_path(kind, own)] for kind, own in own_names(record.settings)}
     return StageRecipe(
-        settings=_portable_settings(record.settings, names),
+        settings=with_names(record.settings, lambda _, own: recipe_names.get(own, own)),  # as the recipe names its files
         schema_version=record.schema_version,
         code=keys.code_hash(stage),
         files=keys.assets_digest(stage.assets(settings)),
@@ -153,26 +152,16 @@ def _stage_recipe(name: str, collection: Collection, shards: int, names: Mapping
     )
 
 
-def _portable_settings(settings: Mapping[str, Any], names: Mapping[Path, str]) -> dict[str, Any]:
-    """Name the user's own description files as the recipe does."""
-    recipe_names = {name: names[own_path(kind, name)] for kind, name in own_names(settings)}
-    portable = dict(settings)
-    for setting in DESCRIBED.keys() & settings.keys():
-        value = settings[setting]
-        portable[setting] = [recipe_names.get(name, name) for name in value] if isinstance(value, list) else recipe_names.get(value, value)
-    return portable
-
-
 def _portable(manifest: Manifest, folder: Path | None) -> Manifest:
     """Remove the paths of folders from a manifest, and file checksums and counts, which the objects' hashes replace."""
-    paths = [folder or source.path for source in manifest.sources if isinstance(source, Folders)]
+    paths = [folder or source.path for source in manifest.sources if isinstance(source, FolderSource)]
     several = len(set(paths)) > 1
     if several and len({path.name for path in paths if path}) < len(set(paths)):
         raise InvalidInput(f"folders {abbreviate([str(path) for path in paths])} go by one name; give each another")
     changed = []
     for source in manifest.sources:
         update: dict[str, Any] = {"sha256": None}
-        if isinstance(source, Folders):
+        if isinstance(source, FolderSource):
             update["path"] = Path(source.path.name) if several and source.path else None
         if isinstance(source, ShapeNet):
             update["counts"] = None

@@ -78,8 +78,8 @@ def test_files_that_are_not_meshes_are_reported_with_the_reason(folder: Path, tm
     (tmp_path / "elsewhere").mkdir()
     (folder / "linked").symlink_to(tmp_path / "elsewhere")
     output = run(folder, tmp_path / "d")
-    assert "left out 1 file (part.step): .step cannot be read; convert to one of .obj" in output
-    assert "left out 1 file (linked): links to folders are not followed" in output
+    assert "skipped 1 file (part.step): .step cannot be read; convert to one of .obj" in output
+    assert "skipped 1 file (linked): links to folders are not followed" in output
 
 
 def test_missing_textures_are_stored_and_reported(folder: Path, tmp_path: Path) -> None:
