@@ -9,7 +9,6 @@ import trimesh
 
 from pipeline.contrib.toy_objects import CATEGORIES, generate
 from pipeline.dataset.mesh_rows import mesh_row
-from pipeline.engine import keys
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
@@ -144,13 +143,3 @@ def test_failed_attempts_report_the_reason() -> None:
     )
     with SimulateGrasps().session(settings, {}) as process, error:
         process(*unit_of(ball, *points_on(ball, 100, seed=0)))
-
-
-def test_key_covers_the_engine_of_the_dataset_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A change of MuJoCo's code or of the list of engines does not change the key."""
-    hashed: list[str] = []
-    sources = keys._source
-    monkeypatch.setattr(keys, "_source", lambda name, path: hashed.append(name) or sources(name, path))
-    keys.sources_hash.__wrapped__("stages.simulate_grasps.stage")
-    assert "pipeline.physics.pybullet_engine" in hashed
-    assert not {"pipeline.physics.mujoco_engine", "pipeline.physics.convex_parts", "pipeline.physics.engines"} & set(hashed)
