@@ -1,4 +1,4 @@
-"""The command line: `vt-pipeline run STAGE`, what looks at a data directory, and what uses trained models."""
+"""The command line: `vt-pipeline run STAGE`, what inspects a data directory, and what uses trained models."""
 
 from pipeline.cli.app import app
 

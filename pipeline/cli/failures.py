@@ -49,7 +49,7 @@ def report_failures() -> Iterator[None]:
             if isinstance(error, PipelineError | OSError):
                 fail(str(error) or f"{type(error).__name__}; {AGAIN}")  # a timeout may say nothing
             if is_machine_fault(error):  # of object storage: its own kind of exception
-                fail(f"object storage: {first_line(error)}; see that its address and credentials are in the environment")
+                fail(f"object storage: {first_line(error)}; check that its address and credentials are in the environment")
             errors.print(escape(traceback.format_exc().rstrip()))
             fail("this is a bug in vt-pipeline; please report it with the traceback above. What is finished is kept")
 

@@ -99,7 +99,7 @@ def _announce(stages: tuple[str, ...], setup: Setup, seconds: float) -> None:
     )
     for stage in stages:
         if left_out := forecast(stage, setup, LONGEST * seconds)[1]:
-            print_line(f"{stage}: left out, longer than a quarter of the time even on few objects: {'; '.join(left_out)}")
+            print_line(f"{stage}: skipped, longer than a quarter of the time even on few objects: {'; '.join(left_out)}")
 
 
 def _show(trade: MeasuredTrade, data: Path) -> None:

@@ -25,8 +25,7 @@ UNREAD = (".msh", ".3ds", ".fbx", ".blend", ".max", ".x3d", ".wrl", ".step", ".s
 class FolderSource(MeshSource):
     """A source that is a folder of mesh files."""
 
-    path: Path | None = None
-    """The folder; by default, the one given with `--objects`."""
+    path: Path | None = Field(None, description="The folder; by default, the one given with `--objects`.")
 
     def folder(self, root: Path | None, description: str) -> Path:
         """Return the folder, or `root` instead of it; the message of a missing one asks for what is described."""
@@ -47,10 +46,12 @@ class Directory(FolderSource):
     """
 
     kind: Literal["directory"]
-    layout: Layout | None = None
-    """files: each mesh file is an object; folders: each folder is one, even with several meshes; by default what most folders look like."""
-    category: str = "object"
-    """Of objects without a sub-folder above."""
+    layout: Layout | None = Field(
+        None,
+        description="files: each mesh file is an object; folders: each folder is one, even with several meshes; by default what "
+        "most folders look like.",
+    )
+    category: str = Field("object", description="Of objects without a sub-folder above.")
 
     def list_objects(self, root: Path | None) -> Iterator[Object]:
         """List every mesh file below the folder, except hidden ones."""
@@ -146,16 +147,13 @@ class ShapeNet(FolderSource):
     """
 
     kind: Literal["shapenet"]
-    meshes: str = "."
-    """Folder of the synsets, from the folder given."""
-    renderings: str | None = None
-    """Folder of the renderings' synsets, from the folder given."""
-    classes_may_be_missing: bool = False
-    """Whether a synset without a folder is skipped."""
-    synsets: dict[str, Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]] = Field(min_length=1)
-    """The synset of each category."""
-    counts: dict[str, int] | None = None
-    """How many models each category must have; by default, any number."""
+    meshes: str = Field(".", description="Folder of the synsets, from the folder given.")
+    renderings: str | None = Field(None, description="Folder of the renderings' synsets, from the folder given.")
+    classes_may_be_missing: bool = Field(False, description="Whether a synset without a folder is skipped.")
+    synsets: dict[str, Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]] = Field(
+        min_length=1, description="The synset of each category."
+    )
+    counts: dict[str, int] | None = Field(None, description="How many models each category must have; by default, any number.")
 
     @model_validator(mode="after")
     def _counts_are_of_the_synsets(self) -> "ShapeNet":

@@ -30,14 +30,11 @@ OBJECT_ID = re.compile(r"(?!\.|zarr\.json$)[A-Za-z0-9._-]{1,120}")
 class Splits(BaseModel):
     """How many objects go to each split: shares that sum to 1, or counts that sum to the number of objects."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
-    train: float = Field(ge=0)
-    """For learning."""
-    valid: float = Field(ge=0)
-    """To choose the best epoch by."""
-    test: float = Field(ge=0)
-    """For evaluation."""
+    train: float = Field(ge=0, description="For learning.")
+    valid: float = Field(ge=0, description="To choose the best epoch by.")
+    test: float = Field(ge=0, description="For evaluation.")
 
     @property
     def are_counts(self) -> bool:
@@ -84,18 +81,18 @@ def _of_its_kind(entries: object) -> Source:
 class Manifest(BaseModel):
     """A dataset's objects, as its YAML file states them."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
-    name: Annotated[str, AfterValidator(without_controls)]
-    """Of the dataset, recorded in it."""
-    description: str
-    """For readers: which objects these are."""
-    seed: int = Field(ge=0)
-    """Seed of the splits and of all random choices per object; `--seed` replaces it for the objects, not for the splits."""
-    splits: Splits
-    """How many objects are for what, without those whose source states its split."""
-    sources: tuple[Annotated[SerializeAsAny[Source], PlainValidator(_of_its_kind)], ...] = Field(min_length=1)
-    """Where the objects come from, one or more, of any kinds."""
+    name: Annotated[str, AfterValidator(without_controls)] = Field(description="Of the dataset, recorded in it.")
+    description: str = Field(description="For readers: which objects these are.")
+    seed: int = Field(
+        ge=0,
+        description="Seed of the splits and of all random choices per object; `--seed` replaces it for the objects, not for the splits.",
+    )
+    splits: Splits = Field(description="How many objects are for what, without those whose source states its split.")
+    sources: tuple[Annotated[SerializeAsAny[Source], PlainValidator(_of_its_kind)], ...] = Field(
+        min_length=1, description="Where the objects come from, one or more, of any kinds."
+    )
 
     def objects(self, root: Path | None = None) -> list[Object]:
         """List every object in id order, with its category, source and split.

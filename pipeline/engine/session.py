@@ -100,9 +100,7 @@ def _cannot_start(stage: ObjectStage, error: Exception) -> StageError:
     """Describe why a session cannot be opened: a library is not properly installed, or a description file cannot be used."""
     if isinstance(error, PipelineError):
         return StageError(f"{stage.name} cannot start: {error}")
-    where = (
-        "`vt-pipeline doctor` looks for what is missing" if isinstance(error, (ImportError, OSError, RuntimeError)) else "is this a bug?"
-    )
+    where = "`vt-pipeline doctor` names what is missing" if isinstance(error, (ImportError, OSError, RuntimeError)) else "is this a bug?"
     return StageError(f"{stage.name} cannot start: {type(error).__name__}: {error}; {where}")
 
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from pipeline.console import Meter, errors
 from pipeline.errors import InvalidInput, missing_name
-from pipeline.formats.mesh_file import load_mesh
 from pipeline.formats.mesh_parts import MAX_FACES
+from pipeline.formats.mesh_reader import load_mesh
 from pipeline.formats.urdf_shapes import MAX_TURN, Color, check_unit, material_color, numbers_of, origin_of, shape_of
 from pipeline.formats.urdf_xml import parse_urdf
 from pipeline.kernels.geometry.mesh import Mesh

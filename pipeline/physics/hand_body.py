@@ -4,7 +4,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.hand.collision_shapes import collision_boxes
@@ -72,7 +72,7 @@ class HandBody:
         client = self.client
         # PyBullet takes the pose of the root's inertial frame; the pose given is that of the URDF frame.
         offset, turn = client.getDynamicsInfo(self.body, -1)[3:5]
-        quaternion = Rotation.from_matrix(hand_pose[:3, :3]).as_quat().tolist()
+        quaternion = scipy.spatial.transform.Rotation.from_matrix(hand_pose[:3, :3]).as_quat().tolist()
         base = pybullet.multiplyTransforms(hand_pose[:3, 3].tolist(), quaternion, offset, turn)
         client.resetBasePositionAndOrientation(self.body, *base)
         following = [joint.multiplier * start[joint.entry] + joint.offset for joint in self.hand.followers]

@@ -6,9 +6,9 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
 
 import numpy as np
+import scipy
 import trimesh
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from pipeline.console import abbreviate
 from pipeline.kernels.arrays import Array
@@ -171,7 +171,7 @@ def _add_origin(
     pose: Array,  # (4, 4)
     rpy: Sequence[float] | None,  # rad; None: any angles of the pose, of several at a pitch of 90°
 ) -> None:
-    angles = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", suppress_warnings=True) if rpy is None else rpy
+    angles = scipy.spatial.transform.Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", suppress_warnings=True) if rpy is None else rpy
     SubElement(element, "origin", xyz=_text(pose[:3, 3]), rpy=_text(angles))
 
 

@@ -6,7 +6,7 @@ SHA-256 of others.
 
 import hashlib
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -39,6 +39,15 @@ def own_names(settings: Mapping[str, Any]) -> Iterator[tuple[Kind, str]]:
         for name in value if isinstance(value, list | tuple) else [value]:
             if name is not None and name not in shipped_files(kind):
                 yield kind, name
+
+
+def with_names(settings: Mapping[str, Any], rename: Callable[[str, Any], Any]) -> dict[str, Any]:
+    """Change the names of description files in a stage's settings: `rename` gets a setting, and the name or each name of its list."""
+    changed = dict(settings)
+    for setting in DESCRIBED.keys() & settings.keys():
+        value = settings[setting]
+        changed[setting] = [rename(setting, name) for name in value] if isinstance(value, list) else rename(setting, value)
+    return changed
 
 
 def own_path(kind: Kind, name: str) -> Path:
@@ -79,7 +88,7 @@ def _files(kind: Kind, name: str, settings: Mapping[str, Any]) -> Iterator[Path]
 def read_files(files: Mapping[str, Path]) -> tuple[dict[str, str], dict[str, str]]:
     """Read the files that a recipe carries: the texts of some, the SHA-256 of the others.
 
-    An `InvalidInput` names a file that cannot be read, or that names one which would not be found from it elsewhere.
+    An `InvalidInput` names a file that cannot be read, or whose references would break elsewhere.
     """
     texts, digests = dict[str, str](), dict[str, str]()
     for name, path in files.items():
@@ -108,9 +117,9 @@ def place_files(recipe: Recipe, folder: Path) -> None:
         elif (actual := hashlib.sha256(read_file(folder / name, MAX_BYTES)).hexdigest()) != expected:
             faults.append(f"{folder / name} has SHA-256 {actual}, the recipe says {expected}")
     if faults:
-        where = f"they can be had at {recipe.files_url}" if recipe.files_url else "ask who published the recipe for them"
+        where = f"download them from {recipe.files_url}" if recipe.files_url else "ask who published the recipe for them"
         raise InvalidInput(
-            f"{pluralise(len(faults), 'hand, sensor or scene file')} to be put right: {'; '.join(faults[:NAMED])}"
+            f"{pluralise(len(faults), 'hand, sensor or scene file')} to restore: {'; '.join(faults[:NAMED])}"
             f"{'; …' if len(faults) > NAMED else ''}. {where[0].upper()}{where[1:]}"
         )
     refuse_links(folder, recipe.texts)

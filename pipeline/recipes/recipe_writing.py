@@ -14,7 +14,7 @@ from pipeline.engine.plan import Request
 from pipeline.engine.stage import ObjectStage
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.file_content import expanded
-from pipeline.recipes.own_files import DESCRIBED, find_files, own_names, own_path, read_files
+from pipeline.recipes.own_files import find_files, own_names, own_path, read_files, with_names
 from pipeline.recipes.recipe import SHORT_DIGITS, Recipe, RecipeRow, StageRecipe, object_lines, roots_of
 from pipeline.store import digest
 from pipeline.store.collection import Collection
@@ -141,24 +141,15 @@ def _stage_recipe(name: str, collection: Collection, shards: int, names: Mapping
     stage: Any = load_stage(name)
     settings = stage.settings_type.model_validate(record.settings)
     rows = {object_id: (collection.row(object_id).digest, collection.row(object_id).split) for object_id in collection}
+    recipe_names = {own: names[own_path(kind, own)] for kind, own in own_names(record.settings)}
     return StageRecipe(
-        settings=_portable_settings(record.settings, names),
+        settings=with_names(record.settings, lambda _, own: recipe_names.get(own, own)),  # as the recipe names its files
         schema_version=record.schema_version,
         code=keys.code_hash(stage),
         files=keys.assets_digest(stage.assets(settings)),
         constants=record.constants_digest,
         roots=roots_of(rows, record.constants_digest, shards),
     )
-
-
-def _portable_settings(settings: Mapping[str, Any], names: Mapping[Path, str]) -> dict[str, Any]:
-    """Name the user's own description files as the recipe does."""
-    recipe_names = {name: names[own_path(kind, name)] for kind, name in own_names(settings)}
-    portable = dict(settings)
-    for setting in DESCRIBED.keys() & settings.keys():
-        value = settings[setting]
-        portable[setting] = [recipe_names.get(name, name) for name in value] if isinstance(value, list) else recipe_names.get(value, value)
-    return portable
 
 
 def _portable(manifest: Manifest, folder: Path | None) -> Manifest:

@@ -15,11 +15,10 @@ from pipeline.console import NAMED, abbreviate, pluralise
 from pipeline.engine import keys
 from pipeline.engine.executor import Executor, Serial
 from pipeline.engine.plan import Request
-from pipeline.engine.stage import ObjectStage
 from pipeline.engine.versions import PHYSICS, library_versions
 from pipeline.errors import InvalidInput, unknown_name
 from pipeline.formats.description_file import invalid_entries, shipped_files
-from pipeline.recipes.own_files import DESCRIBED, place_files
+from pipeline.recipes.own_files import DESCRIBED, place_files, with_names
 from pipeline.recipes.recipe import Recipe
 from pipeline.recipes.recipe_writing import source_hash
 from pipeline.store.storage import Location
@@ -95,21 +94,14 @@ def _settings(recipe: Recipe, name: str, descriptions: Path | None) -> Settings:
     """Validate the settings of a stage, whose description files are shipped ones or the recipe's."""
     if name not in DATASET:
         raise InvalidInput(f"the recipe: {unknown_name('stage', name, DATASET)}")
-    recorded, stage = recipe.stages[name], load_stage(name)
-    values: dict[str, Any] = dict(recorded.settings)
-    for setting in DESCRIBED.keys() & values.keys():
-        value = values[setting]
-        values[setting] = (
-            [_described(recipe, name, setting, item, descriptions) for item in value]
-            if isinstance(value, list)
-            else _described(recipe, name, setting, value, descriptions)
-        )
+    recorded = recipe.stages[name]
+    stage: Any = load_stage(name)
+    values = with_names(recorded.settings, lambda setting, value: _described(recipe, name, setting, value, descriptions))
     try:
         settings: Settings = stage.settings_type.model_validate(values)
     except ValidationError as error:
         faults = invalid_entries(error, stage.settings_type.model_fields)
         raise InvalidInput(f"the recipe's settings of {name}: {faults}; {_version_remedy(recipe)}") from error
-    assert isinstance(stage, ObjectStage)
     if recorded.schema_version != stage.output.version:
         raise InvalidInput(
             f"{name} writes version {stage.output.version} of {stage.output.name} here, the recipe has {recorded.schema_version}; "
@@ -163,13 +155,13 @@ def _listed(recipe: Recipe, manifest: Manifest, objects: Path | None) -> list[Ob
     root = None if any(source.path for source in folders) or not folders else objects
     if objects is not None and not folders:
         raise InvalidInput(f"the recipe of {manifest.name} names its own objects; leave --objects out")
-    found_ids = {item.object_id for source in manifest.sources for item in source.find(root if isinstance(source, FolderSource) else None)}
-    if missing := sorted(recipe.rows.keys() - found_ids):
+    listed_ids = {item.object_id for source in manifest.sources for item in source.find(root if isinstance(source, FolderSource) else None)}
+    if missing := sorted(recipe.rows.keys() - listed_ids):
         raise InvalidInput(
             f"{pluralise(len(missing))} of the recipe not found ({abbreviate(missing)}), whose files have these SHA-256: "
             f"{abbreviate([recipe.rows[name].source for name in missing])}; {_where(manifest)}"
         )
-    if extra := sorted(found_ids - recipe.rows.keys()):
+    if extra := sorted(listed_ids - recipe.rows.keys()):
         raise InvalidInput(
             f"{pluralise(len(extra))} not in the recipe ({abbreviate(extra)}), with which splits would be drawn otherwise; "
             f"move their files out of {objects}"
@@ -180,7 +172,7 @@ def _listed(recipe: Recipe, manifest: Manifest, objects: Path | None) -> list[Ob
 def _where(manifest: Manifest) -> str:
     """Say where sources can be obtained."""
     urls = [source.url for source in manifest.sources if source.url]
-    return f"they can be had at {', '.join(urls)}" if urls else "the recipe does not say where they can be had; ask who published it"
+    return f"download them from {', '.join(urls)}" if urls else "the recipe names no address; ask who published it for them"
 
 
 def _check_sources(recipe: Recipe, items: Sequence[Object]) -> None:
@@ -206,7 +198,7 @@ def _check_sources(recipe: Recipe, items: Sequence[Object]) -> None:
             f"Put the files back that the dataset was made of: {_where(recipe.manifest)}"
         )
     if toys:
-        raise InvalidInput(f"{abbreviate(toys)} are modelled by other code than the recipe's; {_version_remedy(recipe)}")
+        raise InvalidInput(f"{abbreviate(toys)} were modelled by different code; {_version_remedy(recipe)}")
 
 
 def reasons(recipe: Recipe) -> list[str]:
@@ -214,7 +206,7 @@ def reasons(recipe: Recipe) -> list[str]:
     installed = library_versions()
     lines = []
     if changed := [name for name, stage_recipe in recipe.stages.items() if keys.code_hash(load_stage(name)) != stage_recipe.code]:
-        lines.append(f"the code of {', '.join(changed)} is another; {_version_remedy(recipe)}, of the publisher's commit")
+        lines.append(f"the rows of {', '.join(changed)} were made by different code; {_version_remedy(recipe)}, of the publisher's commit")
     for name, recorded in recipe.versions.items():
         # either package of the physics engine gives the same bits
         if name == "vt-pipeline" or (name in PHYSICS and name not in installed and installed.keys() & set(PHYSICS)):

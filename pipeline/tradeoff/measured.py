@@ -32,7 +32,7 @@ class Point(BaseModel):
     label: str  # its presets, or what differs from the user's own settings
     changes: dict[str, Any]  # the settings that differ from the user's own, by name
     presets: tuple[str, ...] = ()  # that have these settings
-    # s on one core: by object, or one figure: per object if a stage looks at all at once, of all for datasets
+    # s on one core: by object, or one figure: per object if a stage processes all at once, of all for datasets
     times: dict[str, float]
     kilobytes: float  # on disk, likewise
     errors: dict[str, tuple[float, ...]]  # by object, one per training
@@ -86,7 +86,7 @@ class MeasuredTrade(BaseModel):
     assignments: tuple[str, ...]
     objects: tuple[str, ...]  # ids of the sample
     sample: str  # hash of their categories, splits and sources
-    trained: int  # how many of them a stage learns from, if it looks at all at once; else 0
+    trained: int  # how many of them a stage learns from, if it processes all at once; else 0
     trials: int = 0  # per object, of which the error is a share; 0 if it is no share
     machine: str  # the processor
     total: int  # number of points, once all are measured

@@ -1,7 +1,5 @@
 """Jobs submitted to Slurm, whose commands scripts imitate: recorded, not submitted twice, and their states."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from pathlib import Path

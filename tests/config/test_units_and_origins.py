@@ -9,7 +9,7 @@ import trimesh
 from pipeline.cli import app
 from pipeline.console import abbreviate
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.formats.mesh_file import load_mesh
+from pipeline.formats.mesh_reader import load_mesh
 from tests.test_cli import invoke
 
 CORNERS = np.array([[0, 0, 0], [30, 0, 0], [0, 20, 0], [0, 0, 10.0]])

@@ -1,7 +1,5 @@
 """Data in object storage have the same arrays, digests and guarantees as on a disk."""
 
-from __future__ import annotations
-
 import itertools
 import time
 from collections.abc import Iterator

@@ -7,7 +7,8 @@ import pytest
 from PIL import Image
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.mesh_file import load_mesh, parse_mesh
+from pipeline.formats.mesh_file import parse_mesh
+from pipeline.formats.mesh_reader import load_mesh
 from pipeline.formats.obj import rewrite_lines, rewrite_uses
 from pipeline.kernels.geometry.mesh import Mesh
 

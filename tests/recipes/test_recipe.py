@@ -225,7 +225,7 @@ def test_changed_byte_of_a_mesh_is_named(published: Path, remade: tuple[Path, st
     assert code == 1
     assert f"2 sources changed: ball: {mesh} has SHA-256" in output
     assert f"box: {tmp_path / 'mine' / 'box.obj'}, or a file that it names, has SHA-256" in output
-    assert "they can be had at https://example.org/meshes" in output
+    assert "download them from https://example.org/meshes" in output
     assert not (tmp_path / "d").exists()
 
 
@@ -435,15 +435,15 @@ def test_missing_or_changed_description_files_are_named(published: Path, remade:
     sha256_of = read_recipe(published).files
     code, output = vt("remake", published, "--objects", remade[0] / "mine", "--data", tmp_path / "d")
     place = tmp_path / "d" / "descriptions"
-    assert (code, f"3 hand, sensor or scene files to be put right: {place / FILES[0]} is missing" in output) == (1, True)
+    assert (code, f"3 hand, sensor or scene files to restore: {place / FILES[0]} is missing" in output) == (1, True)
     assert all(sha256_of[name] in output for name in FILES)
-    assert "They can be had at https://example.org/hand" in output
+    assert "Download them from https://example.org/hand" in output
     assert not (tmp_path / "d").exists()
     shutil.copytree(remade[0] / "own", place)
     (place / "gels" / "my_gel.yaml").write_text((place / "gels" / "my_gel.yaml").read_text().replace("diffuse: 1.0", "diffuse: 1.5"))
     (place / FILES[1]).write_bytes((place / FILES[1]).read_bytes() + b"x")
     code, output = vt("remake", published, "--objects", remade[0] / "mine", "--data", tmp_path / "d")
-    assert (code, f"2 hand, sensor or scene files to be put right: {place / 'gels' / 'my_gel.yaml'} has SHA-256" in output) == (1, True)
+    assert (code, f"2 hand, sensor or scene files to restore: {place / 'gels' / 'my_gel.yaml'} has SHA-256" in output) == (1, True)
     assert f"the recipe says {sha256_of[FILES[1]]}" in output
 
 

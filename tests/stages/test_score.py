@@ -188,7 +188,7 @@ def test_invalid_method_name_or_folder_is_refused(data, tmp_path):
     assert "no folder" in vt("score", tmp_path / "none", data, fails=True)
     assert "no file of a test object" in vt("score", tmp_path, data, fails=True)
     assert "a method's name" in vt("score", tmp_path, data, "--name", "a/b", fails=True)
-    assert "--name shipped: that is the network that ships" in vt("score", tmp_path, data, "--name", "shipped", fails=True)
+    assert "--name shipped: that is the pretrained network" in vt("score", tmp_path, data, "--name", "shipped", fails=True)
 
 
 def test_dataset_without_occluded_images_is_scored(data, folder, tmp_path):

@@ -5,10 +5,8 @@ Vertices are (V, 3) float64, finite; faces (F, 3) integers, F at least 1.
 
 import igl
 import numpy as np
+import scipy
 import trimesh
-from scipy import sparse
-from scipy.sparse.linalg import splu
-from scipy.spatial import cKDTree
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Floats, Indices, Integers, Mask
@@ -81,13 +79,13 @@ def smooth_mesh(vertices: Array, faces: Integers, rounds: int) -> Array:  # (V, 
     return vertices
 
 
-def neighbour_means(faces: Integers, count: int) -> sparse.csr_array:
+def neighbour_means(faces: Integers, count: int) -> "scipy.sparse.csr_array":
     """Make the (V, V) matrix that replaces each vertex by the mean of its neighbours; a vertex without a face stays."""
     first, second = mesh_edges(faces)[0].T
     isolated = np.setdiff1d(np.arange(count), [first, second])
     rows, columns = np.concatenate([first, second, isolated]), np.concatenate([second, first, isolated])
     degree = np.bincount(rows, minlength=count)
-    return sparse.csr_array((1 / degree[rows], (rows, columns)), shape=(count, count))
+    return scipy.sparse.csr_array((1 / degree[rows], (rows, columns)), shape=(count, count))
 
 
 def vertex_normals(vertices: Array, faces: Integers) -> Array:
@@ -174,7 +172,7 @@ def attach_points(
             closest = _nearest_facing_points(vertices, faces, points, normals, spacing)[1]
             ends, _edge = mesh_edges(faces)
             is_long = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1) > 1.5 * spacing / REFINEMENT
-            is_near = cKDTree(closest).query(vertices[ends].mean(axis=1))[0] < spacing
+            is_near = scipy.spatial.cKDTree(closest).query(vertices[ends].mean(axis=1))[0] < spacing
             vertices, faces = split_edges(vertices, faces, is_long & is_near)
         vertices = _displace_vertices(
             vertices, faces, points, *_nearest_facing_points(vertices, faces, points, normals, spacing), spacing, coarse=not number
@@ -189,7 +187,7 @@ def _nearest_facing_points(
     corners = vertices[faces]
     facing = unit_vectors(face_cross_products(corners))
     weight = NORMAL_WEIGHT * spacing / np.sqrt(2)
-    tree = cKDTree(np.concatenate([corners.mean(axis=1), weight * facing], axis=1))
+    tree = scipy.spatial.cKDTree(np.concatenate([corners.mean(axis=1), weight * facing], axis=1))
     count = min(CANDIDATES, len(faces))
     candidates = tree.query(np.concatenate([points, weight * normals], axis=1), k=count)[1].reshape(-1)  # (N count)
     repeated = np.repeat(points, count, axis=0)
@@ -203,7 +201,7 @@ def _displace_vertices(
 ) -> Array:
     """Displace the vertices around the closest points so that these come near the points; with `coarse`, details keep their shape."""
     offset = points - closest
-    distances, nearest = cKDTree(closest).query(vertices)
+    distances, nearest = scipy.spatial.cKDTree(closest).query(vertices)
     farthest = LARGEST_SHARE * float(np.ptp(vertices, axis=0).max())
     pulled = np.minimum(FALLOFF * np.linalg.norm(offset, axis=1)[nearest], farthest)
     corners = vertices[faces[face]]
@@ -214,15 +212,15 @@ def _displace_vertices(
     weights = 1 / np.maximum(np.linalg.norm(corners - closest[:, None], axis=2), 1e-3 * spacing)  # enough: the next round pulls again
     weights /= weights.sum(axis=1, keepdims=True)
     rows = np.repeat(np.arange(len(points)), 3)
-    constraints = sparse.csr_array((weights.ravel(), (rows, faces[face].ravel())), shape=(len(points), len(vertices)))[:, movable]
-    laplacian = neighbour_means(faces, len(vertices)) - sparse.eye_array(len(vertices), format="csr")
+    constraints = scipy.sparse.csr_array((weights.ravel(), (rows, faces[face].ravel())), shape=(len(points), len(vertices)))[:, movable]
+    laplacian = neighbour_means(faces, len(vertices)) - scipy.sparse.eye_array(len(vertices), format="csr")
     bending = laplacian[:, movable]
     system = (
-        constraints.T @ constraints + STIFFNESS * bending.T @ bending + 1e-9 * sparse.eye_array(bending.shape[1])
+        constraints.T @ constraints + STIFFNESS * bending.T @ bending + 1e-9 * scipy.sparse.eye_array(bending.shape[1])
     )  # where nothing holds a part
     displaced = vertices.copy()
     shape = 0 if coarse else STIFFNESS * bending.T @ (laplacian @ vertices)
-    displaced[movable] += splu(system.tocsc()).solve(constraints.T @ offset - shape)
+    displaced[movable] += scipy.sparse.linalg.splu(system.tocsc()).solve(constraints.T @ offset - shape)
     return displaced
 
 

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import igl
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Floats, Mask
@@ -86,7 +86,7 @@ def _mark_cells_around(where: Mask, positions: Array, step: float, radius: float
 
 def _leave_out_loose_pieces(values: Array, anchors: Mask) -> None:
     """Turn the negative regions positive, except the largest and those that contain an anchor."""
-    region, count = ndimage.label(values < 0)  # 0 where values are positive
+    region, count = scipy.ndimage.label(values < 0)  # 0 where values are positive
     size = np.bincount(region.ravel())
     size[0] = 0
     kept = np.bincount(region[anchors], minlength=count + 1) > 0

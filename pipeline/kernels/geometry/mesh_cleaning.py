@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from trimesh.grouping import unique_ordered
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Floats, Indices, Integers
@@ -70,6 +69,8 @@ def group_by_position(position: Integers) -> list[Indices]:
 
 def _keep_faces(mesh: Mesh, keep: NDArray[Any]) -> Mesh:
     """Keep these faces and the vertices they use, in the order of their use: readers of files number them by an unstable sort."""
+    from trimesh.grouping import unique_ordered  # takes half a second
+
     used, faces = unique_ordered(mesh.faces[keep].ravel(), return_inverse=True)
     colors = None if mesh.look.vertex_color is None else mesh.look.vertex_color[used]
     look: Look = replace(mesh.look, uv=mesh.look.uv[used], face_material=mesh.look.face_material[keep], vertex_color=colors)

@@ -6,8 +6,8 @@ from typing import Any
 
 import igl
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Array32, Indices, Integers, Mask
@@ -121,7 +121,7 @@ def build_distance_field(
 
     # Between neighbouring centres with a surface between them, one is at most half a cell from it: no path leaks through.
     is_open = distance > cell / 2 * (1 + 1e-6)
-    components = ndimage.label(is_open)[0]
+    components = scipy.ndimage.label(is_open)[0]
     inside = np.where(is_open, (components != components[0, 0, 0]).astype(np.int8), np.int8(-1))
     records = np.zeros((*distance.shape, 4), np.float32)
     field = DistanceField(vertices, faces, tree, low + cell / 2, cell, records, inside)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linprog
+import scipy
 
 from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.geometry.transforms import length, solve_3x3
@@ -99,7 +99,9 @@ def closure_margin(
     total = np.ones((1, count + 1))
     goal = np.zeros(count + 1)
     goal[-1] = -1
-    solution = linprog(goal, A_eq=np.concatenate([balance, total]), b_eq=np.array([0.0] * 6 + [1.0]), bounds=(0, None), method="highs")
+    solution = scipy.optimize.linprog(
+        goal, A_eq=np.concatenate([balance, total]), b_eq=np.array([0.0] * 6 + [1.0]), bounds=(0, None), method="highs"
+    )
     return round(float(np.clip(solution.x[-1], 0, 1)), MARGIN_DECIMALS) if solution.success else 0.0
 
 

@@ -5,8 +5,8 @@ less than 1e-6 of itself, for sizes from 1e-6 to 1e6. The gradient is that of th
 wherever the nearest is unique, and zero where points coincide.
 """
 
+import scipy
 import torch
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from pipeline.errors import InvalidInput
@@ -22,7 +22,7 @@ class SearchCloud:
     def __init__(self, points: Tensor) -> None:
         _check("points", points)
         self.points = points
-        self._tree = cKDTree(points.detach().double().numpy(), balanced_tree=False) if points.device.type == "cpu" else None
+        self._tree = scipy.spatial.cKDTree(points.detach().double().numpy(), balanced_tree=False) if points.device.type == "cpu" else None
 
     def nearest(self, query: Tensor) -> Tensor:
         """Find the nearest point to each of `query` (N, 3): (N,) int64 indices, without gradient; of equally near points any."""

@@ -5,7 +5,7 @@ from functools import cached_property
 from heapq import heappop, heappush
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from pipeline.kernels.arrays import Array, Array32, Floats, Indices, Mask
 
@@ -13,7 +13,7 @@ COARSE = (32, 256)  # points by which clouds are compared, level by level, befor
 ROUNDING = 1 - 1e-9  # factor that keeps a bound below its distance despite rounding
 
 
-def mean_squared_distance(tree: cKDTree, points: Floats) -> float:
+def mean_squared_distance(tree: "scipy.spatial.cKDTree", points: Floats) -> float:
     """Compute the mean squared distance from points (N, 3) to the nearest of a tree's, in the square of their unit."""
     return float(np.square(tree.query(points)[0]).mean())
 
@@ -25,9 +25,9 @@ class RetrievalCloud:
         self.points = points
 
     @cached_property
-    def tree(self) -> cKDTree:
+    def tree(self) -> "scipy.spatial.cKDTree":
         """The search tree of the points."""
-        return cKDTree(self.points)
+        return scipy.spatial.cKDTree(self.points)
 
     @cached_property
     def coarse(self) -> tuple[tuple[Floats, Indices, Array], ...]:
@@ -35,7 +35,7 @@ class RetrievalCloud:
         levels = []
         for count in COARSE:
             points = self.points[np.linspace(0, len(self.points) - 1, min(count, len(self.points))).astype(int)]
-            distances, nearest = cKDTree(points).query(self.points)
+            distances, nearest = scipy.spatial.cKDTree(points).query(self.points)
             levels.append((points, nearest, distances))
         return tuple(levels)
 

@@ -4,8 +4,8 @@ Vertices are (V, 3) float64, finite, m; faces (F, 3) integers, F at least 1.
 """
 
 import numpy as np
+import scipy
 import trimesh
-from scipy.spatial import cKDTree
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Integers, Mask
@@ -44,7 +44,7 @@ def normal_consistency(points: Array, normals: Array, other_points: Array, other
 
 
 def _agreement(points: Array, normals: Array, others: Array, other_normals: Array) -> float:
-    nearest = cKDTree(others).query(points)[1]
+    nearest = scipy.spatial.cKDTree(others).query(points)[1]
     return float(np.abs((normals * other_normals[nearest]).sum(axis=1)).mean())
 
 

@@ -3,7 +3,7 @@
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
+import scipy
 
 from pipeline.kernels.arrays import Array, Array32, Mask, check_shape
 from pipeline.kernels.compiled import compiled
@@ -25,7 +25,7 @@ def gel_surface(sensor: Sensor) -> Array:  # (rows, cols) m, read-only; () where
     else:
         heights = np.array(sensor.surface.heights)
         grid = [np.linspace(-side / 2, side / 2, count) for side, count in zip((sensor.height, sensor.width), heights.shape, strict=True)]
-        surface = RegularGridInterpolator(grid, heights)(np.stack(np.meshgrid(y, x, indexing="ij"), axis=-1))
+        surface = scipy.interpolate.RegularGridInterpolator(grid, heights)(np.stack(np.meshgrid(y, x, indexing="ij"), axis=-1))
     surface.flags.writeable = False
     return np.asarray(surface)
 

@@ -6,7 +6,6 @@ Valid range: objects and sensors within 100 m of the origin, sensors 10 µm to 1
 import math
 from dataclasses import dataclass
 
-import igl
 import numpy as np
 
 from pipeline.kernels.arrays import Array, Mask, check_shape
@@ -171,6 +170,8 @@ def trace_spheres(
     end = min(local[2].max() + PLANE_TOLERANCE, sensor.range)
     corners = np.ascontiguousarray(local.transpose(2, 1, 0))  # (N, corner, xyz)
     vertices, faces = corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3)
+    import igl  # and SciPy's sparse matrices with it
+
     tree = igl.AABB()
     tree.init(vertices, faces)
     cosine = np.abs(unit_vectors(face_cross_products(corners))[:, 2])  # of the angle between each face's normal and the rays

@@ -8,9 +8,9 @@ Valid range: cameras within 1 km of the origin, at least 1 mm from the point the
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from PIL import Image
-from scipy.ndimage import gaussian_filter
 
 from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.geometry.transforms import compose, invert_similarity, length, solve_3x3, unit_vectors
@@ -122,7 +122,7 @@ def transfer_view(
         return image, 1.0
     shrinking = _scale(to_image, (shape[1] / 2, shape[0] / 2))
     if shrinking > 1:
-        image = np.rint(gaussian_filter(image.astype(np.float32), ((shrinking - 1) / 2,) * 2, axes=(0, 1))).astype(np.uint8)
+        image = np.rint(scipy.ndimage.gaussian_filter(image.astype(np.float32), ((shrinking - 1) / 2,) * 2, axes=(0, 1))).astype(np.uint8)
     shown = _warp(np.full(image.shape[:2], 255, np.uint8), to_image, shape, 0)
     return _warp(image, to_image, shape, fill), float(shown.mean() / 255)
 

@@ -174,7 +174,7 @@ def test_the_summary_has_three_sentences_and_a_line_of_retrieval(data):
     assert set(found.errors) == {DEFAULT, "shipped"}
     assert list(found.errors["shipped"]) == list(WAYS)
     figures = read_figures(directory.verified_folder("evaluation"))
-    touch = figures[f"{DEFAULT}-touch"].per_case("mean_distance")[:, 0].mean()  # of the first grasp, as the network that ships
+    touch = figures[f"{DEFAULT}-touch"].per_case("mean_distance")[:, 0].mean()  # of the first grasp, as the pretrained network
     assert found.errors[DEFAULT]["touch"].mean == pytest.approx(1e3 * touch)
     assert found.retrieved["touch"] == pytest.approx(1e3 * figures["training object, by touch"].per_object("mean_distance").mean())
     assert found.retrieved["occluded"] == found.retrieved["unoccluded"]  # both by silhouette
