@@ -132,7 +132,7 @@ class Document:
             changed, of = whole(sparse, "count"), table(sparse, "indices")
             indices = self._rows(of, changed, 1, COMPONENTS[of["componentType"]])[:, 0]
             if changed > count or indices.dtype.kind != "u" or (changed and indices.max() >= count):
-                raise InvalidInput(f"accessor {number} of {count} indices has {changed} sparse ones outside it; export it again")
+                raise InvalidInput(f"accessor {number} of {count} rows has {changed} sparse ones outside it; export it again")
             values = values.copy()
             values[indices] = self._rows(table(sparse, "values"), changed, width, dtype)
         if accessor.get("normalized") and values.dtype.kind != "f":
