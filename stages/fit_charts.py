@@ -15,7 +15,6 @@ from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.trade import Trade
 from pipeline.engine.unit import Unit
 from pipeline.kernels.charts.touch_chart import SIDE, FitOptions, StopRule, chart_square
-from pipeline.kernels.touch.depth_maps import in_gel
 from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sensor_to_world
 from pipeline.rng import torch_generator
 from pipeline.store.rows import Row
@@ -150,6 +149,8 @@ def _process(unit: Unit, inputs: Inputs, settings: ChartSettings, model: "TouchM
 
 def _clouds(inputs: Inputs, touched: NDArray[np.bool_], sensor: Sensor, model: "TouchModel | None") -> list[NDArray[np.float64]]:
     """Predict the points (n, 3) of each touch by a network; without one, those with D < w. Sensor frame, m."""
+    from pipeline.kernels.touch.depth_maps import in_gel
+
     touch = inputs["touch"]
     if model is None:
         return [masked_points(depth, in_gel(depth, sensor), sensor) for depth in touch["depth"][touched].astype(np.float64)]

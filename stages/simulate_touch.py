@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 
@@ -16,17 +16,16 @@ from pipeline.engine.trade import Trade
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files
-from pipeline.kernels.touch.depth_maps import local_points, quantise_depth
-from pipeline.kernels.touch.pressed_gel import normal_force, press_gel
-from pipeline.kernels.touch.ray_depth import BoxedFaces, box_faces, ray_depth, sphere_traced_depth
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.store.directory import DataDirectory
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
+
+if TYPE_CHECKING:
+    from pipeline.kernels.touch.ray_depth import BoxedFaces
 
 
 class TouchSettings(ObjectSettings):
@@ -93,6 +92,8 @@ class SimulateTouch(ObjectStage):
 
     def constants(self, settings: TouchSettings) -> Row:
         """Render each sensor with nothing in its gel."""
+        from pipeline.kernels.touch.tactile_image import untouched_image
+
         return {"untouched": np.stack([untouched_image(sensor) for sensor in load_worn_sensors(settings.sensors or ())])}
 
     def attributes(self, settings: TouchSettings) -> dict[str, Any]:
@@ -106,6 +107,8 @@ class SimulateTouch(ObjectStage):
     @contextmanager
     def session(self, settings: TouchSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         """Load the sensors once."""
+        from pipeline.kernels.touch.ray_depth import box_faces
+
         sensors = load_worn_sensors(settings.sensors or ())
 
         def process(unit: Unit, inputs: Inputs) -> Row:
@@ -121,13 +124,18 @@ class SimulateTouch(ObjectStage):
 
 
 def _touch(
-    faces: BoxedFaces,
+    faces: "BoxedFaces",
     pose: np.ndarray,  # (4, 4) sensor to world, m
     sensor: Sensor,
     settings: TouchSettings,
     rng: np.random.Generator | None,
 ) -> Row:
     """Compute one sensor's arrays; tactile image and local points follow from the depth as it is stored."""
+    from pipeline.kernels.touch.depth_maps import local_points, quantise_depth
+    from pipeline.kernels.touch.pressed_gel import normal_force, press_gel
+    from pipeline.kernels.touch.ray_depth import ray_depth, sphere_traced_depth
+    from pipeline.kernels.touch.tactile_image import render_gel
+
     if settings.tracer == "ray":
         exact = ray_depth(faces, pose, sensor)
     else:

@@ -14,7 +14,6 @@ from pydantic import Field, TypeAdapter, ValidationError
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.geometry.mesh_cleaning import bounding_diagonal
-from pipeline.kernels.touch.depth_maps import local_points
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
@@ -177,6 +176,8 @@ class ObjectRows:
         return np.asarray(row[grasp] if by_grasp else row)
 
     def _derive(self, array: str, object_id: str, grasp: int | None) -> np.ndarray:
+        from pipeline.kernels.touch.depth_maps import local_points  # compiled: readers of other arrays need not wait
+
         sensors = self.sensors()
         depth, pose = (self.read(name, object_id, grasp) for name in ("depth", "sensor_pose"))
         sites = depth.shape[:-2]  # ([grasp,] sensor)

@@ -48,7 +48,7 @@ def comparable_figures(
 
 
 def _common_firsts(networks: Sequence[Figures]) -> set[int] | None:
-    """Find the first grasps that all networks have with every number of grasps; None if all have the same."""
+    """Intersect the first grasps that networks have with each number of grasps; None if all have the same."""
     firsts = [figures.firsts(number) for figures in networks for number in figures.grasps]
     common = set.intersection(*firsts)
     return None if all(have == common for have in firsts) else common
@@ -60,11 +60,11 @@ def about_rows(folder: Path, scored: Sequence[Path], common: set[int] | None) ->
         if problem := difference(folder, other):
             yield Table(f"Not comparable, scored with {problem}: {', '.join(read_root(other)['configurations'])}; score again")
     if common:
-        yield Table(f"All networks and methods with first grasp {', '.join(map(str, sorted(common)))} alone, which each of them has.")
+        yield Table(f"All networks and methods with first grasp {', '.join(map(str, sorted(common)))} only, which each of them has.")
     elif common is not None:
         yield Table("Rows are of different first grasps, none of which all have: they cannot be compared well.")
     for settings in (read_root(other)["settings"] for other in (folder, *scored)):
         if "learned_from" in settings:
             learned = settings["learned_from"]
-            known = f"; it has learned from {len(learned)} of these objects ({abbreviate(learned)})" if learned else ""
+            known = f"; it was trained on {len(learned)} of these objects ({abbreviate(learned)})" if learned else ""
             yield Table(f"{SHIPPED_ROWS}…: the pretrained network, given the first grasp of each object alone{known}.")

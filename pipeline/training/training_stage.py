@@ -11,7 +11,6 @@ from pipeline.console import pluralise
 from pipeline.engine.stage import DatasetJob, DatasetStage
 from pipeline.errors import StageError
 from pipeline.models.families import model_name, reconstructor_type, trained_folder, trained_models
-from pipeline.models.shipped_weights import models_place
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import FolderRecord
@@ -141,11 +140,15 @@ def setting_remarks(settings: ReconstructionSettings, items: Items) -> Iterator[
 
 def pretrained_folder(models: str, network: str) -> Path:
     """Find the folder of a trained network by a training's setting `pretrained`; errors as `trained_folder`."""
+    from pipeline.models.shipped_weights import models_place
+
     return trained_folder(models_place(models), network)
 
 
 def learned_before(models: str, network: str) -> list[dict[str, Any]]:
     """List the training data of a trained network, as `learned_from`."""
+    from pipeline.models.shipped_weights import models_place
+
     folder = models_place(models)
     return learned_from(DataDirectory(trained_models(folder)[network]).folder(network))
 

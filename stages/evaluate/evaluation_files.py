@@ -72,8 +72,8 @@ class Figures:
         number = {object_id: row for row, object_id in enumerate(self.object_ids)}
         self._values: dict[tuple[str, int], tuple[list[int], list[float]]] = {}
         for figure in self.rows:
-            places, values = self._values.setdefault((figure.metric, figure.grasps), ([], []))
-            places.append(number[figure.object_id])
+            numbers, values = self._values.setdefault((figure.metric, figure.grasps), ([], []))
+            numbers.append(number[figure.object_id])
             values.append(figure.value)
 
     @property
@@ -124,10 +124,10 @@ class Figures:
 
         The distance is the mean over these touches, 0 without any.
         """
-        places, values = self._lookup(f"local_chamfer_{number}")
+        numbers, values = self._lookup(f"local_chamfer_{number}")
         size = len(self.object_ids)
-        sites = np.bincount(np.array(places, int), minlength=size)
-        return np.bincount(np.array(places, int), weights=values, minlength=size) / np.maximum(sites, 1), sites
+        sites = np.bincount(np.array(numbers, int), minlength=size)
+        return np.bincount(np.array(numbers, int), weights=values, minlength=size) / np.maximum(sites, 1), sites
 
 
 def chamfer_by_object(folder: Path) -> dict[str, float]:
@@ -258,8 +258,8 @@ def surface_of(
     """Take one of the surfaces of a network."""
     if "position" in surfaces:
         return surfaces["vertices"][number, case], surfaces["faces"]
-    place = (number, case)
-    at = int(np.ravel_multi_index(place, surfaces["vertex_count"].shape))
+    index = (number, case)
+    at = int(np.ravel_multi_index(index, surfaces["vertex_count"].shape))
     first, face = (surfaces[key].ravel()[:at].sum() for key in ("vertex_count", "face_count"))
-    vertices = surfaces["vertices"][first : first + surfaces["vertex_count"][place]]
-    return vertices, surfaces["faces"][face : face + surfaces["face_count"][place]]
+    vertices = surfaces["vertices"][first : first + surfaces["vertex_count"][index]]
+    return vertices, surfaces["faces"][face : face + surfaces["face_count"][index]]

@@ -107,7 +107,7 @@ class Protocol(ABC):
 
     @abstractmethod
     def identity(self, object_id: str, case: Case) -> tuple[str | int, ...]:
-        """Name the draw of points from a reconstruction, for the random generator: the same for every network, whatever it is called."""
+        """Name the draw of points from a reconstruction, for the random generator: the same for every network."""
 
     @abstractmethod
     def figures(self, reconstructor: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:

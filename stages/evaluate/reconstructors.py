@@ -38,7 +38,7 @@ class Reconstructor(Protocol):
         """Describe its inputs, for tables."""
 
     def cases(self, available: int, numbers: Sequence[int]) -> list[Case]:
-        """List the cases of objects with so many grasps each, for the wanted numbers of grasps."""
+        """List the cases of objects with `available` grasps each, for the requested numbers of grasps."""
 
     def reconstruct(self, objects: ObjectRows, work: Sequence[tuple[str, Case]]) -> list[Reconstruction]:
         """Reconstruct objects, by id, in cases."""

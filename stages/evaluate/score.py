@@ -33,7 +33,7 @@ class ScoreSettings(GraspMeasuringSettings):
 
 
 class Files:
-    """The files of a method, which `find` has found."""
+    """The files of a method; call `find` first."""
 
     charts = has_charts = keeps_surfaces = False
     inputs: Mapping[str, Any] = {"image": None, "touch": True}  # nobody knows them; it is compared with the networks that touch

@@ -1,4 +1,4 @@
-"""Another method's reconstructions as files: found by the object's name, checked and read."""
+"""Another method's reconstructions as files: listed by object, checked and read."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -53,8 +53,8 @@ class ScoredFiles:
 
 def surface_files(folder: Path) -> list[Path]:
     """List the files of reconstructions in a folder, and in those below it that are called `grasps-N` or `grasps-N-from-K`."""
-    places = [folder, *(path for path in sorted(folder.iterdir()) if path.is_dir() and CASE.fullmatch(path.name))]
-    files = [path for place in places for path in sorted(place.iterdir()) if path.suffix.lower() in SUFFIXES]
+    folders = [folder, *(path for path in sorted(folder.iterdir()) if path.is_dir() and CASE.fullmatch(path.name))]
+    files = [path for below in folders for path in sorted(below.iterdir()) if path.suffix.lower() in SUFFIXES]
     return [path for path in files if not path.name.startswith(".")]  # macOS leaves ._OBJECT.ply beside OBJECT.ply
 
 
@@ -65,7 +65,7 @@ def find_files(
     grasps_given: int,  # that the files in the folder itself were made from
     grasps_held: int,  # in the dataset, per object
 ) -> ScoredFiles:
-    """Find the file of each test object."""
+    """List the file of each test object."""
     paths: dict[tuple[int, int], dict[str, Path]] = {}
     faults, unused = [], []
     for path in sorted(folder.iterdir()):
@@ -128,7 +128,7 @@ def _read_mesh(path: Path) -> Surface:
             raise
         try:
             cloud = trimesh.load(path, process=False)
-        except Exception:  # trimesh raises whatever its parsing trips over; the error that it holds no mesh says more
+        except Exception:  # trimesh raises errors of many types; the one that it holds no mesh says more
             raise error from None
         if not isinstance(cloud, trimesh.PointCloud):
             raise
@@ -183,19 +183,19 @@ def misplacement(
 
     One in a hundred of the points of either may be anywhere.
     """
-    (place, size), (true_place, true_size) = _box(surface), _box(points)
+    (middle, size), (true_middle, true_size) = _box(surface), _box(points)
     if not true_size / SIZES < size < true_size * SIZES:
         times = size / true_size
         unit = min(UNITS, key=lambda factor: abs(np.log(max(times, 1e-9) / factor)))
         hint = f", as if it were in {UNITS[unit]}" if 0.5 < times / unit < 2 else ""
         return f"it is {times:.3g} times as large as the object{hint}; the world's unit is the metre"
-    if np.linalg.norm(place - true_place) > true_size:
-        middles = ("(" + ", ".join(f"{value:.3g}" for value in middle) + ")" for middle in (place, true_place))
-        y, z = place[[1, 2]]
+    if np.linalg.norm(middle - true_middle) > true_size:
+        middles = ("(" + ", ".join(f"{value:.3g}" for value in point) + ")" for point in (middle, true_middle))
+        x, y, z = middle
         hint = ""
-        if np.linalg.norm([place[0], -z, y] - true_place) < true_size / 2:
+        if np.linalg.norm([x, -z, y] - true_middle) < true_size / 2:
             hint = "; it would be, turned by 90° about x: the file has y up, and the world's z points up"
-        elif np.linalg.norm([place[0], z, -y] - true_place) < true_size / 2:
+        elif np.linalg.norm([x, z, -y] - true_middle) < true_size / 2:
             hint = "; it would be, turned by 90° about x: glTF's y points up, but this file's z does"
         return "its middle is at {}, the object's at {} m: it is not in the world's frame".format(*middles) + hint
     return None

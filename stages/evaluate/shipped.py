@@ -22,7 +22,7 @@ from stages.evaluate.stage import Evaluate, GraspMeasuringSettings
 
 
 class ShippedSettings(GraspMeasuringSettings):
-    """Choose what the pretrained network is given; these settings are those of `vt-pipeline report --shipped`."""
+    """Choose the inputs of the pretrained network; these settings are those of `vt-pipeline report --shipped`."""
 
     configurations: tuple[str, ...] = setting(..., "its inputs: rows of the tables", changes="definition")
     weights: str = setting(..., "SHA-256 of the record of the weights", changes="definition")

@@ -123,7 +123,7 @@ class Renderer(AbstractContextManager["Renderer"]):
 
 
 def _least_depth(meshes: Sequence[PosedMesh], pose_of_camera: NDArray[np.float64]) -> float:
-    """Find the least depth of the boxes around meshes, m, from a camera's pose (4, 4); +inf without meshes."""
+    """Compute the least depth of the boxes around meshes, m, from a camera's pose (4, 4); +inf without meshes."""
     backwards, position, least = pose_of_camera[:3, 2], pose_of_camera[:3, 3], np.inf
     for handle, pose in meshes:
         if not handle.mesh.primitives:

@@ -25,7 +25,7 @@ from stages.simulate_grasps.touch_plan import TouchPlanner
 
 
 class Grasping:
-    """Finds the grasps of one object after the other, with one hand and physics clients, which `opened` closes."""
+    """Search the grasps of one object after another, with one hand and physics clients, which `opened` closes."""
 
     def __init__(self, settings: GraspSettings, opened: ExitStack) -> None:
         self.settings, self.hand = settings, prepare_hand(settings)
@@ -36,7 +36,7 @@ class Grasping:
             self.test = opened.enter_context(HoldTest(self.hand.hand, self.hand.sensors, mass=settings.hold_mass))
 
     def process(self, unit: Unit, inputs: Inputs) -> Row:
-        """Find the best grasps of an object and return its row."""
+        """Search the best grasps of an object and make its row."""
         surface, count = inputs["surfaces"], self.settings.grasps
         mesh = read_mesh(surface)
         prepared_object = prepare_object(mesh, surface["points"], surface["normals"], reach=self.hand.reach)

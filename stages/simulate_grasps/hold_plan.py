@@ -134,7 +134,7 @@ class HoldPlanner:
         return np.flatnonzero(has_room & fits.all(axis=1))
 
     def _lightest(self, choices: GraspChoices, best: Support) -> tuple[int, Support]:
-        """Find the choice that carries the object best: its number and load; -1 and `best` if none surpasses `best`."""
+        """Select the choice that carries the object best: its number and load; -1 and `best` if none surpasses `best`."""
         hand, faces, number = self.prepared_hand.hand, self.prepared_object.faces, -1
         owners = hand.sensor_fingers
         picks = choices.picks[:WEIGHED_CHOICES]

@@ -48,8 +48,8 @@ def opening(hand: Hand) -> float:
     Of a hand with fewer than two sensors on its fingers, the middles of the fingers' last links count too.
     """
     frames = _frames(hand)
-    places, palm = sensor_poses_from_links(hand, frames)[..., :3, 3], np.broadcast_to(hand.palm_centre, (len(frames), 1, 3))
-    ends = np.concatenate([places, palm, *(_last_links(hand, frames) if (hand.sensor_fingers >= 0).sum() < 2 else ())], axis=1)
+    positions, palm = sensor_poses_from_links(hand, frames)[..., :3, 3], np.broadcast_to(hand.palm_centre, (len(frames), 1, 3))
+    ends = np.concatenate([positions, palm, *(_last_links(hand, frames) if (hand.sensor_fingers >= 0).sum() < 2 else ())], axis=1)
     return float(np.linalg.norm(ends[:, :, None] - ends[:, None], axis=-1).max())
 
 

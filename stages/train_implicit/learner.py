@@ -13,7 +13,7 @@ from pipeline.training.items import Items
 from pipeline.training.reconstruction import Batch, ReconstructionLearner
 
 MISPLACED = 0.5
-"""Share of the items with image and touches that are at a wrong place, if `placement_error` is not 0."""
+"""Share of the items with image and touches that are displaced, if `placement_error` is not 0."""
 
 
 class ImplicitLearner(ReconstructionLearner):

@@ -25,7 +25,7 @@ class ImplicitSettings(ReconstructionSettings):
     blocks: int = setting(3, "residual blocks of the decoder, of two layers each", ge=0, le=100)
     band: float = setting(
         0.03,
-        "m, beyond which distances count the same: more than the 28 mm at which meshing begins to look closer",
+        "m, beyond which distances count the same: more than the 28 mm at which meshing is refined",
         gt=0,
         le=1,
     )
@@ -61,14 +61,14 @@ class ImplicitSettings(ReconstructionSettings):
     dropped_grasps: float = setting(0.35, "implicit-any alone: share of items without touches, with an image or without", ge=0, le=1)
     dropped_touches: float | None = setting(
         None,
-        "share of an item's touch charts that is skipped, drawn for each item; null: a tenth for implicit-any, else none",
+        "share of an item's touch charts that is dropped, drawn for each item; null: a tenth for implicit-any, else none",
         ge=0,
         lt=1,
     )
     placement_error: float = setting(
         0.0,
-        "m, standard deviation of the error of an object's place along each axis; its size errs by this over 0.25 m. Half of the items "
-        "with image and touches have such an error, as places have that are estimated from depth",
+        "m, standard deviation of the error of an object's position along each axis; its size errs by this over 0.25 m. Half of the items "
+        "with image and touches have such an error, as positions estimated from depth have",
         ge=0,
         le=0.1,
     )

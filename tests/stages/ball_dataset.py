@@ -3,8 +3,7 @@
 import atexit
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -202,8 +201,8 @@ class Given(ObjectStage):
     def cost(self, settings: Settings) -> Cost:
         return Cost(0.0, 0.0)
 
-    def session(self, settings: Settings, models: Mapping[str, Path]) -> AbstractContextManager[Callable[[Unit, Inputs], Row]]:
-        return nullcontext(lambda unit, inputs: self.row(unit))
+    def process(self, unit: Unit, inputs: Inputs, settings: Settings) -> Row:
+        return self.row(unit)
 
     def constants(self, settings: Settings) -> Row:
         return self._constants

@@ -1,8 +1,5 @@
 """Balls pressed into a small sensor, and stages that store them; without torch, which every worker would import."""
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -60,21 +57,17 @@ class Made(ObjectStage):
     def cost(self, settings: Settings) -> Cost:
         return Cost(0.01, 1)
 
-    @contextmanager
-    def session(self, settings: Settings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
-        def process(unit: Unit, inputs: Inputs) -> Row:
-            depth = depths(unit.rng("balls"))
-            if self.output.name == "touch":
-                images = [tactile_image(image, SENSOR) for image in depth.reshape(-1, *SENSOR.shape)]
-                return {"depth": depth, "tactile_image": np.stack(images).reshape(*depth.shape, 3)}
-            return {
-                "hand_pose": np.tile(np.eye(4), (GRASPS_EACH, 1, 1)),
-                "joint_angles": np.zeros((GRASPS_EACH, 16)),
-                "sensor_pose": np.tile(np.eye(4), (GRASPS_EACH, SENSORS, 1, 1)),
-                "touch_success": touch_success(depth, SENSOR),
-                "penetration": np.zeros(GRASPS_EACH),
-                "attempts": np.asarray(GRASPS_EACH, np.int32),
-                "attempt_success": np.ones(SENSORS),
-            }
-
-        yield process
+    def process(self, unit: Unit, inputs: Inputs, settings: Settings) -> Row:
+        depth = depths(unit.rng("balls"))
+        if self.output.name == "touch":
+            images = [tactile_image(image, SENSOR) for image in depth.reshape(-1, *SENSOR.shape)]
+            return {"depth": depth, "tactile_image": np.stack(images).reshape(*depth.shape, 3)}
+        return {
+            "hand_pose": np.tile(np.eye(4), (GRASPS_EACH, 1, 1)),
+            "joint_angles": np.zeros((GRASPS_EACH, 16)),
+            "sensor_pose": np.tile(np.eye(4), (GRASPS_EACH, SENSORS, 1, 1)),
+            "touch_success": touch_success(depth, SENSOR),
+            "penetration": np.zeros(GRASPS_EACH),
+            "attempts": np.asarray(GRASPS_EACH, np.int32),
+            "attempt_success": np.ones(SENSORS),
+        }

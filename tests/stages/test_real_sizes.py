@@ -11,7 +11,7 @@ from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.unit import Unit
 from pipeline.formats.hand_file import load_hand
-from pipeline.kernels.geometry.mesh_cleaning import POSITION, bounding_diagonal
+from pipeline.kernels.geometry.mesh_cleaning import POSITION
 from pipeline.kernels.vision.camera import project_points, projection_matrix
 from pipeline.models.families import load_reconstructor
 from pipeline.models.observation import Observation
@@ -117,11 +117,3 @@ def test_a_hand_without_visual_shapes_is_named(monkeypatch):
     (line,) = RenderVision().describe_misfits(VisionSettings(hand="allegro_right"), ())
     assert line == "hand allegro_right has no visual shapes, so no image shows it: give its URDF <visual> elements"
     assert list(RenderVision().describe_misfits(VisionSettings(hand="allegro_right", occluded=False), ())) == []
-
-
-def test_diagonals_of_objects_that_were_scaled_are_exact():
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        vertices = rng.normal(size=(100, 3)) * rng.uniform(0.1, 100)
-        scaled = (vertices - vertices.mean(axis=0)) * (0.5 / np.linalg.norm(np.ptp(vertices, axis=0))) + POSITION
-        assert bounding_diagonal(scaled) == 0.5

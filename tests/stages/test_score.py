@@ -254,7 +254,7 @@ def test_outdated_scores_are_not_reported(data, folder, tmp_path, monkeypatch):
         assert "not of schema version 99" in outdated_scores(DataDirectory(copy))["scores/old"]
     seal(copy / "scores/old.json", lambda record: {"inputs": record["inputs"] | {"surfaces": "0" * 64}})
     assert "scores/old" not in scores(DataDirectory(copy))
-    assert "scores/old is left out" in vt("report", copy, "--no-pages")
+    assert "scores/old is outdated" in vt("report", copy, "--no-pages")
 
 
 def test_misplacement_names_unit_and_axis_and_accepts_bad_reconstructions():

@@ -20,7 +20,6 @@ from pipeline.rng import torch_generator
 from pipeline.training.checkpoint import read_metrics
 from pipeline.training.items import Items
 from pipeline.training.reconstruction import Batch
-from stages.registry import resolve
 from stages.train_gcn.learner import GcnLearner
 from stages.train_gcn.stage import GcnSettings, TrainGcn
 from tests.stages.tiny_dataset import manifest, run_stage
@@ -73,12 +72,6 @@ def test_network_learns_one_object_to_1_5_times_its_sampling_floor_with_10000_po
     reached, floor = overfit(tmp_path, steps=3000, points=10000)
     print(f"Chamfer {reached:.3g} m², floor {floor:.3g} m² with 10,000 points: {reached / floor:.2f} x")
     assert reached <= 1.5 * floor
-
-
-def test_paper_preset_has_the_supplements_loss_edges_and_steps():
-    paper = resolve("train-gcn", "paper", []).model_dump()
-    assert (paper["learning_rate"], paper["schedule"], paper["gradient_limit"], paper["batch_size"]) == (3e-5, "constant", None, 16)
-    assert (paper["seams"], paper["touch_edges"], paper["edge_weight"]) == ("open", "centres", 0)
 
 
 def loss_of(data: Path, **changes) -> float:

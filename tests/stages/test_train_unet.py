@@ -1,7 +1,6 @@
 """`train-unet` on balls pressed into a small sensor: what is learnt from, what is written, and how it is used."""
 
 import itertools
-import json
 import shutil
 import sys
 from pathlib import Path
@@ -217,8 +216,4 @@ def test_folder_without_a_model_is_an_error(trained: tuple[Path, dict[str, Any]]
     for name in ("model.safetensors", "model.json"):
         (tmp_path / name).write_bytes((trained[0] / "models" / name).read_bytes())
     with pytest.raises(StoreError, match=r"no trained model that can be used.*untouched.png cannot be read.*run the stage that trains it"):
-        load_touch_model(tmp_path, "cpu")
-    description = json.loads((tmp_path / "model.json").read_text())
-    (tmp_path / "model.json").write_text(json.dumps(description | {"width": 3}))
-    with pytest.raises(StoreError, match=r"arrays of model.safetensors differ from model.json, .* first"):
         load_touch_model(tmp_path, "cpu")

@@ -8,20 +8,8 @@ import numpy as np
 import pytest
 
 from pipeline.kernels.geometry.mesh import Look, Mesh
-from pipeline.kernels.vision.camera import Camera
-from pipeline.kernels.vision.scene import Label
-from stages.render_vision.renderer import RenderedImage, Renderer
-from tests.kernels.vision.shapes import HERE, SCENE, ball
-
-
-def seen(renderer: Renderer, *meshes: Mesh, camera: Camera | None = None) -> RenderedImage:
-    """Render meshes: the first is the object, the others are the hand."""
-    parts = [renderer.add(mesh, Label.HAND if k else Label.OBJECT) for k, mesh in enumerate(meshes)]
-    view = renderer.render([(part, HERE) for part in parts], camera)
-    for part in parts:
-        renderer.remove(part)
-    return view
-
+from tests.kernels.vision.shapes import SCENE, ball
+from tests.stages.render_vision.test_renderer import seen
 
 PROCESS = """
 import hashlib, sys, numpy as np

@@ -17,7 +17,18 @@ def test_distance_to_the_nearest_point_is_that_of_independent_points(tmp_path: P
     (tmp_path / "meshes").mkdir()
     trimesh.creation.icosphere(5, RADIUS).export(tmp_path / "meshes" / "ball.ply")
     for name, points in (("data", POINTS), ("reference", 4 * POINTS)):
-        options = ["--manifest", "directory", "--objects", tmp_path / "meshes", "--units", "m", "--data", tmp_path / name]
+        options = [
+            "--manifest",
+            "directory",
+            "--objects",
+            tmp_path / "meshes",
+            "--units",
+            "m",
+            "--data",
+            tmp_path / name,
+            "--executor",
+            "serial",
+        ]
         done = CliRunner().invoke(app, [*map(str, ["run", "sample-surfaces", *options, "--set", f"sample-surfaces.points={points}"])])
         assert done.exit_code == 0, done.output
     area = 4 * np.pi * RADIUS**2
