@@ -22,7 +22,7 @@ from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table
 from pipeline.dataset.grasps import grasping_hand, grasping_sensors, read_grasps
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.kernels.hand.grasp_closure import measure_contact
+from pipeline.kernels.hand.grasp import measure_contact
 from pipeline.kernels.touch.ray_depth import box_faces
 from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS

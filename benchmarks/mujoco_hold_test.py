@@ -12,8 +12,7 @@ from pipeline.contrib.exports.convex_parts import convex_parts
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.hand.grasp import Grasp
-from pipeline.kernels.hand.grasp_closure import Contact
+from pipeline.kernels.hand.grasp import Contact, Grasp
 from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.physics.hand_urdf import gel_name, write_hand_urdf
 from pipeline.physics.hold_test import HoldTest, gel_spring

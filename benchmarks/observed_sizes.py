@@ -1,4 +1,4 @@
-"""Measure the network that ships on objects of other sizes, as a robot records them: `python -m benchmarks.observed_sizes DATA`.
+"""Measure the pretrained network on objects of other sizes, as a robot records them: `python -m benchmarks.observed_sizes DATA`.
 
 The first grasp of each object is written as a robot's observation, and reconstructed by `predict` from the photograph alone, with its
 depth as touch, and with touches. Errors are Chamfer distances × 9000 of objects scaled to the size that the network has learned.
@@ -63,4 +63,4 @@ def measure(data: Path) -> Table:
 
 
 if __name__ == "__main__":
-    print(measure(Path(sys.argv[1])).markdown("The network that ships, one grasp of each object."))
+    print(measure(Path(sys.argv[1])).markdown("The pretrained network, one grasp of each object."))

@@ -28,7 +28,6 @@ from schemas.surfaces import SURFACES
 ARRAYS = ("sensor", "occluded", "segmentation", "projection", "tactile_image", "untouched", "sensor_pose", "touch_success")
 BASE = np.array([[-0.5, -(0.75**0.5), 0, 0.62], [0.75**0.5, -0.5, 0, -0.17], [0, 0, 1, -0.35], [0, 0, 0, 1]])
 """From the world to the robot's base: a third of a turn about the vertical, and a motion."""
-
 HEAD = """\
 # {what}: `vt-pipeline check {name}`, then
 # vt-pipeline predict out.glb --observation {name} --surface closed

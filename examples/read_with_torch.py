@@ -14,7 +14,7 @@ split = sys.argv[2] if len(sys.argv) > 2 else "train"
 
 # docs/data-format.md lists the arrays. The dataset opens only the artifacts that hold the requested ones.
 grasps = GraspDataset(data, ["tactile_image", "depth", "touch_success", "sensor_pose", "occluded", "points"], split)
-print(f"{len(grasps)} grasps of {len(grasps.rows)} objects in split {split}; left out: {grasps.left_out or 'none'}")
+print(f"{len(grasps)} grasps of {len(grasps.rows)} objects in split {split}; failed: {grasps.failed or 'none'}")
 
 item = grasps[0]
 print(f"{item['object_id']}, grasp {item['grasp']}:")

@@ -121,7 +121,7 @@ def normalised_mesh(
 
 def source_mesh(source: Mapping[str, Any]) -> Mesh:
     """Read the mesh of an object from its file, or let its source model it."""
-    from pipeline.formats.mesh_file import load_mesh
+    from pipeline.formats.mesh_reader import load_mesh
 
     return load_mesh(Path(source["file"]), Path(source["root"])) if "file" in source else modelled(source).mesh(source)
 

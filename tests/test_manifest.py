@@ -108,7 +108,7 @@ def test_different_checksum_is_an_error(tmp_path):
         ({"descriptoin": "x"}, "there is no entry descriptoin, did you mean description\\?"),
         ({"sources": [{"kind": "cloud", "licence": "x"}]}, r"unknown kind of source cloud; choose from [^;]*procedural\. Its entries"),
         ({"seed": -1}, "seed"),
-        *(({"name": f"m{character}"}, "name: .*which steers how text is shown") for character in "\0\n\x1b\u202e\u2066"),
+        *(({"name": f"m{character}"}, "name: .*contains the control character") for character in "\0\n\x1b\u202e\u2066"),
         ({"sources": []}, "sources"),
         ({"sources": [{"kind": "directory", "up": "z"}]}, "licence"),
         ({"sources": [{"kind": "directory", "licence": "x", "files": {}}]}, r"there is no entry sources\.0\.files"),
@@ -167,8 +167,12 @@ DUCK = {"kind": "pybullet", "licence": "x", "files": {"duck": {"file": "duck.obj
 @pytest.mark.parametrize(
     ("sources", "options", "message"),
     [
-        ([HERE], {"splits": {"train": 1298, "valid": 258, "test": 175}}, r"1298 \+ 258 \+ 175 = 1731 objects, 1 were found"),
-        ([HERE | {"split": "test"}], {"splits": {"train": 1, "valid": 1, "test": 0}}, "2 objects, 0 were found without the 1 whose source"),
+        ([HERE], {"splits": {"train": 1298, "valid": 258, "test": 175}}, r"1298 \+ 258 \+ 175 = 1731 objects, the sources list 1"),
+        (
+            [HERE | {"split": "test"}],
+            {"splits": {"train": 1, "valid": 1, "test": 0}},
+            "2 objects, the sources list 0 without the 1",
+        ),
         ([HERE, {"kind": "pybullet", "licence": "x"}], {}, "manifest m: a pybullet source names no objects; give it some"),
         ([DRAWN | {"count": {"bottle": 2**31}}], {}, "a source has more than 200000 objects"),
         ([folder("directory", "~nosuchuser/meshes")], {}, "~nosuchuser/meshes is no folder"),
@@ -178,7 +182,7 @@ DUCK = {"kind": "pybullet", "licence": "x", "files": {"duck": {"file": "duck.obj
         ([DRAWN, DRAWN | {"seed": 1}], {}, "called bottle-0000: a procedural one and .* let one procedural source make the class"),
         ([folder("directory", "zarr")], {}, r"cannot name an object; .* the first no '\.', and not zarr\.json: rename it, or its file"),
         ([DUCK | {"category": " "}], {}, "duck has no category; name one"),
-        ([DUCK | {"category": "mu\x1bg"}], {}, "'mu.*g' has the character .*, which steers how text is shown"),
+        ([DUCK | {"category": "mu\x1bg"}], {}, "'mu.*g' contains the control character"),
         ([DUCK | {"files": {"duck": {"file": "dukc.obj"}}}], {}, r"no 'dukc.obj' in .*; correct the path of duck"),
     ],
 )

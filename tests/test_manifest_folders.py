@@ -163,7 +163,7 @@ def test_layout_of_a_folder_is_recognised(tmp_path, layout):
     remarks = "\n".join(directory_manifest.remarks(tmp_path))
     assert ("a folder per object: " in remarks) == (layout not in ("classes", "a class with one file"))
     left_out = len(files) - len(expected)
-    assert (f"left out {left_out} file" in remarks) == (left_out > 0)
+    assert (f"skipped {left_out} file" in remarks) == (left_out > 0)
 
 
 def test_layout_and_category_of_a_folder_can_be_stated(tmp_path):

@@ -34,11 +34,6 @@ def test_relief_and_mesh_of_one_shape_give_the_same_touch():
     assert relief.gel.contact.sum() <= relief.contact.sum()
 
 
-def test_press_without_a_depth_equals_touch_at_the_pose():
-    pose = facing(RADIUS + SENSOR.w - 3e-4)
-    assert (vt.press(BALL, SENSOR, pose).depth == vt.touch(BALL, SENSOR, pose).depth).all()
-
-
 def test_only_elastic_gels_give_pressure_and_force():
     touch, deeper = vt.press(RELIEF, ELASTIC, depth=5e-4), vt.press(RELIEF, ELASTIC, depth=6e-4)
     stiff = 2e5 / (1 - 0.48**2)
@@ -49,15 +44,6 @@ def test_only_elastic_gels_give_pressure_and_force():
     assert len(touch.points) == (touch.pressure > 0).sum()
     with pytest.raises(vt.InvalidInput, match="sensor gelsight has no elastic gel, so pressure is not known; give its file `gel:"):
         _ = vt.press(RELIEF, SENSOR, depth=5e-4).force
-
-
-def test_noise_is_drawn_with_a_generator_only():
-    noisy = SENSOR.model_copy(update={"noise": 2.0})
-    clean = vt.press(RELIEF, noisy, depth=5e-4).image.astype(int)
-    assert 1 < np.abs(vt.press(RELIEF, noisy, depth=5e-4, rng=np.random.default_rng(0)).image - clean).mean() < 3
-    assert (
-        np.abs(vt.image(np.full(SENSOR.shape, np.inf), noisy, np.random.default_rng(0)) - vt.untouched_image(SENSOR).astype(int)).mean() > 1
-    )
 
 
 @pytest.mark.parametrize(

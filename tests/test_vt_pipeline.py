@@ -220,3 +220,15 @@ def test_touched_fingers_of_grasps_match_simulated_touches() -> None:
     assert tested.held is not None
     assert tested.held_directions is not None
     assert (tested.held.shape, tested.held_directions.shape) == ((2,), (2, 6))
+
+
+def test_make_runs_a_stage_on_a_folder_of_meshes_once(tmp_path: Path) -> None:
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    trimesh.creation.box().export(folder / "box.ply")
+    options = {"settings": {"sample-surfaces.points": 100}, "workers": 1}
+    texts = [vt.make("sample-surfaces", tmp_path / "data", folder, dry_run=dry, **options)[0].text for dry in (True, False, False)]
+    assert [text.split(",")[0].split(" in ")[0] for text in texts] == ["would make 1 of 1 object", "made 1 object", "up to date"]
+    with pytest.raises(vt.InvalidInput, match="did you mean sample-surfaces"):
+        vt.make("sample-surface", tmp_path)
+    assert vt.Dataset.__name__ == "GraspDataset"

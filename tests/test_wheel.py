@@ -72,6 +72,6 @@ def test_commands_and_library_run_from_the_wheel_without_the_clone(unpacked, tmp
     completed = subprocess.run(run, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert completed.returncode == 0, completed.stdout + completed.stderr
     assert str(unpacked / "vt_pipeline") in completed.stdout
-    assert "read by the network that ships for gelsight_mini" in completed.stdout
+    assert "read by the pretrained network for gelsight_mini" in completed.stdout
     for name in wheel_commands.WRITTEN:
         assert (tmp_path / name).stat().st_size > 0

@@ -1,4 +1,4 @@
-"""Draw the README's picture: what a report's first page shows of an object, and how the network that ships reconstructs it.
+"""Draw the README's picture: what a report's first page shows of an object, and how the pretrained network reconstructs it.
 
     vt-pipeline report data/toy/draft --shipped
     python -m tools.overview_picture data/toy/draft OBJECT docs/overview.png

@@ -12,7 +12,6 @@ from pipeline.drawing.plots import save_figure
 
 Panel = NDArray[np.uint8] | Callable[[Any], None]
 """An image (rows, cols, 3), or a function that draws into axes."""
-
 INCHES, HEAD, DPI = 2.0, 0.25, 110
 """A panel's side, the height of a line of titles, and pixels per inch."""
 COMPRESSION = {".png": {"optimize": True}, ".webp": {"quality": 80, "method": 6}}

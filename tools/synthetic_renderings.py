@@ -33,10 +33,8 @@ from stages.render_vision.renderer import Renderer
 
 LAMP_ABOVE = 0.6
 """m that the lamp is above the camera, so that visible surfaces are lit."""
-
 LOWEST, HIGHEST, NEAREST = 25.0, 30.0, 0.65
 """Degrees, and the least distance ratio, of the cited renderings."""
-
 FIELD_OF_VIEW = 25.0
 """Degrees, the last value of each line of the metadata: the cited renderings state it, and were not made with it."""
 

@@ -1,13 +1,16 @@
-"""The tactile simulator as a library: sensors, touches and grasps of a mesh, without the pipeline; and reconstructions.
+"""The pipeline as a library: sensors, touches and grasps of a mesh; datasets, and reconstructions.
 
 >>> import vt_pipeline as vt
 >>> sensor = vt.load_sensor("gelsight_mini")
 >>> mug = vt.load_object("mug.glb")
 >>> touch = vt.touch(mug, sensor, pose)  # touch.depth, .image, .points, .normals, .contact_area, .gel
 >>> touch = vt.press(relief, sensor, depth=0.5e-3)  # (rows, cols) heights, m; vt.image(touch.depth, sensor) is touch.image
+>>> vt.make("dataset", "data/mugs", "my-meshes")  # grasps, images and touches of a folder of meshes
+>>> touches = vt.Dataset("data/mugs", ["depth", "tactile_image"])  # a PyTorch dataset, one grasp after the other
 """
 
 from pathlib import Path
+from typing import Any
 
 from vt_pipeline.shadowing import refuse_shadows
 
@@ -18,12 +21,14 @@ from pipeline.formats.sensor_file import load_sensor  # noqa: E402
 from pipeline.kernels.touch.sensor import Sensor  # noqa: E402
 from pipeline.reconstruct.observation_file import RobotObservation  # noqa: E402
 from vt_pipeline.grasping import Grasps, grasp  # noqa: E402
+from vt_pipeline.making import make  # noqa: E402
 from vt_pipeline.objects import TouchObject, load_object  # noqa: E402
 from vt_pipeline.pressing import image, press, untouched_image  # noqa: E402
 from vt_pipeline.reconstructing import load_observation, reconstruct  # noqa: E402
 from vt_pipeline.touching import Touch, Touches, touch, touch_many  # noqa: E402
 
 __all__ = [
+    "Dataset",
     "Grasps",
     "InvalidInput",
     "RobotObservation",
@@ -36,9 +41,19 @@ __all__ = [
     "load_object",
     "load_observation",
     "load_sensor",
+    "make",
     "press",
     "reconstruct",
     "touch",
     "touch_many",
     "untouched_image",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Import the dataset of grasps when it is asked for: it needs torch, which takes a second."""
+    if name == "Dataset":
+        from pipeline.dataset.grasp_dataset import GraspDataset
+
+        return GraspDataset
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

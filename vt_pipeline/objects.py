@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import stated_units
-from pipeline.formats.mesh_file import load_mesh
+from pipeline.formats.mesh_reader import load_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.ray_depth import BoxedFaces, box_faces
 

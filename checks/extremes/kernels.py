@@ -7,6 +7,7 @@ from fractions import Fraction
 import numpy as np
 import torch
 
+from checks.extremes import exact_distances as exact
 from checks.extremes.shapes import TINY, Shape
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.scene_file import load_scene
@@ -29,7 +30,6 @@ from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image
 from pipeline.kernels.vision.camera import look_at, project_points, projection_matrix
 from pipeline.kernels.vision.primitives import CREASE, corner_normals
-from tests.references import exact_distances as exact
 from tests.references.allegro_tips import tip_frame
 from tests.references.exact_arithmetic import cross_product, intersect_ray
 from tests.references.slow_corner_normals import slow_corner_normals
@@ -356,19 +356,19 @@ KERNELS = (
     Kernel("geometry/mesh: face_cross_products", cross_products, 1e-15, "edges"),
     Kernel("geometry/mesh: sample_triangles", drawn_points, 2e-15),
     Kernel("geometry/mesh_cleaning: clean_mesh", cleaning, 1e-14, "area"),
-    Kernel("geometry/normalise: normalise_mesh", normalisation, 5e-16, "m"),
+    Kernel("geometry/mesh_cleaning: normalise_mesh", normalisation, 5e-16, "m"),
     Kernel("geometry/exterior_sampling: sample_exterior", exterior_points, 2e-15),
     Kernel("geometry/signed_distance: signed_distances", distances_to_mesh, 1e-13, wider=ALONE),
     Kernel("geometry/signed_distance: rms_distance_to_surface", rms_distance, 1e-13, wider=ALONE),
-    Kernel("geometry/surface_wrapping: wrap_surface", wrapping, 1.0, "spacing", {"grazing 1e-8": 15.0}),
+    Kernel("geometry/closed_surface: wrap_surface", wrapping, 1.0, "spacing", {"grazing 1e-8": 15.0}),
     Kernel("hand/distance_field: exact", field_distances, 1e-13, wider=ALONE),
     Kernel("hand/kinematics: forward_kinematics", fingertips, 1e-14),
     Kernel("touch/ray_depth: ray_depth", ray_depths, 1e-15),
-    Kernel("touch/sphere_tracing: sphere_traced_depth", sphere_depths, 1.1e-6, "sensor width"),
-    Kernel("touch/contact: local_points", gel_points, 6e-8),
+    Kernel("touch/ray_depth: sphere_traced_depth", sphere_depths, 1.1e-6, "sensor width"),
+    Kernel("touch/depth_maps: local_points", gel_points, 6e-8),
     Kernel("touch/tactile_image: tactile_image", tactile_images, 1, "levels"),
     Kernel(
-        "vision/corner_normals: corner_normals",
+        "vision/primitives: corner_normals",
         shading_normals,
         1e-14,
         "1",

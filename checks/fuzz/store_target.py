@@ -25,7 +25,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.layout import numpy_dtype
 from pipeline.store.publish import FolderOutput, ShardOutput
 from pipeline.store.record import Failure, FolderRecord, RowRecord, ShardRecord
-from pipeline.store.rows import Row, encode_row, row_digest
+from pipeline.store.rows import Result, Row, row_digest
 from pipeline.store.validate import problems_below
 from pipeline.tables import status
 from pipeline.tables.touch_tables import touch_tables
@@ -102,11 +102,13 @@ def _make(data: Path) -> None:
             constants_digest=digest.of_arrays(constants),
             metadata={},
         )
-        shapes = [{path: value.shape for path, value in row.items()} for row in values_of_objects.values()]
-        encoded = [encode_row(artifact, row) for row in values_of_objects.values()]
         sensor = load_sensor("gel_16mm").model_copy(update={"rows": SIZE, "cols": SIZE}).model_dump(mode="json")
         attributes = {"sensors": [sensor] * SIZE}
-        ShardOutput(directory, artifact, 0, 1).commit(record, shapes, encoded.__getitem__, constants, attributes)
+        output = ShardOutput(directory, artifact, 0, 1)
+        results = [
+            output.rows.save(Result(name=name, key="0" * 64, failure=failures[name]), row) for name, row in values_of_objects.items()
+        ]
+        output.commit(record, results, constants, attributes)
     (folder := data / ".work" / "unet").mkdir(parents=True)
     (folder / "model.json").write_text("{}")
     facts_of_folder: dict[str, Any] = {

@@ -23,7 +23,7 @@ from pipeline.config.manifest import load_manifest
 from pipeline.config.sources import fingerprint
 from pipeline.formats.file_units import stated_units
 from pipeline.formats.hand_file import load_hand
-from pipeline.formats.mesh_file import load_mesh
+from pipeline.formats.mesh_reader import load_mesh
 from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.formats.threemf_package import MODEL

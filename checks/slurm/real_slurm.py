@@ -76,7 +76,7 @@ def wait_until(data: Path, what: Callable[[dict[str, str]], bool]) -> dict[str, 
     """Wait until the tasks' states satisfy `what`, and return them."""
     deadline, folder = time.monotonic() + SECONDS, slurm.slurm_folder(data)
     while True:
-        states = {task.task: task.state for one in slurm.states_of(folder, slurm.submitted_jobs(folder)) for task in one.tasks}
+        states = {task: state for task, (state, _) in slurm.task_states(folder, slurm.submitted_jobs(folder)).items()}
         if what(states):
             return dict(states)
         assert time.monotonic() < deadline, states

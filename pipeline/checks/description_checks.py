@@ -27,7 +27,6 @@ ENTRIES: dict[Kind, set[str]] = {
     "observation": {"object", "camera", "touches"},
 }
 """Entries that identify the kinds of description files."""
-
 SIZE = 0.5
 """m, diagonal of an object that must be visible in the images."""
 

@@ -20,8 +20,7 @@ from stages.simulate_grasps.touch_plan import TouchPlanner
 ATTEMPTS = 10
 SHARE = 0.5
 """Diameter of the ball, as a share of the hand's opening."""
-
-NO_ROOM = "the hand found no room around the ball"
+NO_ROOM = "the hand has no room around the ball"
 PALM = "let palm.facing and palm.centre of the hand file point to where an object lies; the picture draws them"
 NEARER = (
     "the palm's sensors touch what is nearer than their gel is thick: with --set simulate-grasps.least_distance=0 and a "

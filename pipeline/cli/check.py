@@ -48,7 +48,8 @@ def check(
         options = PredictOptions(None if models is None else models_place(models), configuration)
         lines = draw_observation(path, drawing, options.reader().target)
     elif models is not None or configuration is not None:
-        raise InvalidInput(f"{path} is a {kind} file; only an observation is checked against models")
+        option = f"--models {models}" if configuration is None else f"--configuration {configuration}"
+        raise InvalidInput(f"{path} is a {kind} file; only an observation is checked against models: leave out {option}")
     else:
         lines = check_file(file, picture, meshes)
     for line in lines:

@@ -147,7 +147,7 @@ def predict(
 def demo(folder: Annotated[Path, typer.Argument(help="Folder to write to.")] = Path("demo")) -> None:
     """Reconstruct an object that no training saw, from one image and one grasp.
 
-    The grasp is simulated, and reconstructed by the weights that ship: a closed coloured mesh, and a turntable of it beside the object.
+    The grasp is simulated, and reconstructed by the pretrained network: a closed coloured mesh, and a turntable of it beside the object.
     """
     from pipeline.reconstruct.demo import demo as show
 

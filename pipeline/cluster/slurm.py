@@ -3,12 +3,11 @@
 import os
 import shutil
 import subprocess
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from pipeline.cluster.slurm_jobs import Job, Submission, dependency, script_of
 from pipeline.console import pluralise
@@ -45,28 +44,8 @@ class SubmittedJob(Stored):
         return folder / f"{self.name}-{task}.log"
 
 
-class _SubmittedJobs(Stored):
-    """The file that lists submitted jobs, the last one per output."""
-
-    jobs: tuple[SubmittedJob, ...] = ()
-
-
-@dataclass(frozen=True)
-class TaskState:
-    """The state of a task: `why` it waits, failed or is unknown; `log` is the file of its output."""
-
-    task: str
-    state: State
-    why: str
-    log: Path
-
-
-@dataclass(frozen=True)
-class JobState:
-    """The states of a job's tasks."""
-
-    job: SubmittedJob
-    tasks: tuple[TaskState, ...]
+_JOBS = TypeAdapter(dict[Literal["jobs"], tuple[SubmittedJob, ...]])
+"""The content of the file that lists submitted jobs, the last one per output."""
 
 
 def slurm_folder(data: Location) -> Path:
@@ -83,7 +62,7 @@ def submit(jobs: Sequence[Job], submission: Submission) -> Iterator[SubmittedJob
     scripts = {job.output: script_of(job, submission) for job in jobs}
     with exclusive_lock(folder / "lock", folder):
         jobs_by_output = {job.output: job for job in submitted_jobs(folder)}
-        _refuse_unfinished(states_of(folder, [jobs_by_output[output] for output in scripts if output in jobs_by_output]))
+        _refuse_unfinished(folder, [jobs_by_output[output] for output in scripts if output in jobs_by_output])
         ids: dict[str, str] = {}
         for job in jobs:
             path = folder / f"{job.name}.sh"
@@ -92,16 +71,17 @@ def submit(jobs: Sequence[Job], submission: Submission) -> Iterator[SubmittedJob
             tasks = submission.shards if job.is_array else None
             submitted = SubmittedJob(stage=job.stage.name, output=job.output, name=job.name, number=ids[job.output], tasks=tasks)
             jobs_by_output[job.output] = submitted
-            write_atomically(folder / "jobs.json", _SubmittedJobs(jobs=tuple(jobs_by_output.values())).model_dump_json(indent=1).encode())
+            write_atomically(folder / "jobs.json", _JOBS.dump_json({"jobs": tuple(jobs_by_output.values())}, indent=1))
             yield submitted
 
 
-def _refuse_unfinished(states: Iterable[JobState]) -> None:
-    for state in states:
-        if waiting := sum(task.state in ("pending", "running") for task in state.tasks):
+def _refuse_unfinished(folder: Path, jobs: Sequence[SubmittedJob]) -> None:
+    states = task_states(folder, jobs)
+    for job in jobs:
+        if waiting := sum(states[task][0] in ("pending", "running") for task in job.task_names):
             raise StageError(
-                f"{state.job.output} is being made: job {state.job.number} has {pluralise(waiting, 'task')} not ended yet; wait for it, "
-                f"or end it with `scancel {state.job.number}`"
+                f"{job.output} is being made: job {job.number} has {pluralise(waiting, 'task')} not ended yet; wait for it, "
+                f"or end it with `scancel {job.number}`"
             )
 
 
@@ -123,44 +103,42 @@ def submitted_jobs(folder: Path) -> tuple[SubmittedJob, ...]:
     """Read the list of jobs; raise a `StoreError` if it is damaged."""
     path = folder / "jobs.json"
     try:
-        return _SubmittedJobs.model_validate_json(read_bytes(path)).jobs
+        return _JOBS.validate_json(read_bytes(path))["jobs"]
     except FileNotFoundError:
         return ()
     except (OSError, ValidationError) as error:
         raise StoreError(f"{path} is damaged ({first_line(error)}); delete it: only `status` and `submit` read it") from error
 
 
-def states_of(folder: Path, jobs: Sequence[SubmittedJob]) -> list[JobState]:
-    """Find the state of every task of some jobs.
+def task_states(folder: Path, jobs: Sequence[SubmittedJob]) -> dict[str, tuple[State, str]]:
+    """Find the state of every task of some jobs, and why it waits, failed or is unknown.
 
     Slurm forgets a job some minutes after its end; then the task's exit status counts, or Slurm's accounting.
     """
     if not jobs:
-        return []
+        return {}
     states, no_answer = _squeue(jobs)
     forgotten = [job for job in jobs if any(task not in states for task in job.task_names)]
     accounts = _sacct(forgotten) if forgotten else {}
-    return [JobState(job, tuple(_state_of(folder, job, task, accounts | states, no_answer) for task in job.task_names)) for job in jobs]
+    return {task: _state_of(folder, job, task, accounts | states, no_answer) for job in jobs for task in job.task_names}
 
 
 def jobs_account(data: Location) -> dict[str, dict[str, Any]]:
     """Describe the jobs that make a data directory, by output: name, number, and by task its state and why it waits or failed."""
     folder = slurm_folder(data)
-    return {
-        state.job.output: state.job.model_dump()
-        | {
-            "states": {task.task: task.state for task in state.tasks},
-            "why": {task.task: task.why + (f"; see {task.log}" if _has_failed_log(task) else "") for task in state.tasks},
-        }
-        for state in states_of(folder, submitted_jobs(folder))
-    }
+    jobs, account = submitted_jobs(folder), {}
+    states = task_states(folder, jobs)
+    for job in jobs:
+        account[job.output] = job.model_dump() | {"states": {}, "why": {}}
+        for task in job.task_names:
+            state, why = states[task]
+            log = job.log(folder, task)
+            account[job.output]["states"][task] = state
+            account[job.output]["why"][task] = f"{why}; see {log}" if state == "failed" and log.exists() else why
+    return account
 
 
-def _has_failed_log(task: TaskState) -> bool:
-    return task.state == "failed" and task.log.exists()
-
-
-def _state_of(folder: Path, job: SubmittedJob, task: str, states: dict[str, tuple[str, str]], no_answer: str) -> TaskState:
+def _state_of(folder: Path, job: SubmittedJob, task: str, states: dict[str, tuple[str, str]], no_answer: str) -> tuple[State, str]:
     name, reason = states.get(task, ("", ""))
     reason = "" if reason == "None" else reason
     status = _exit_status(folder / f"{task}.exit")
@@ -179,7 +157,7 @@ def _state_of(folder: Path, job: SubmittedJob, task: str, states: dict[str, tupl
         state, why = "unknown", no_answer
     else:
         why = "it was ended before it was finished" if job.log(folder, task).exists() else "it was cancelled before it began"
-    return TaskState(task, state, why, job.log(folder, task))
+    return state, why
 
 
 def _exit_status(path: Path) -> int | None:

@@ -22,7 +22,22 @@ UNREAD = (".msh", ".3ds", ".fbx", ".blend", ".max", ".x3d", ".wrl", ".step", ".s
 """Formats of meshes and solids that are not read."""
 
 
-class Directory(MeshSource):
+class FolderSource(MeshSource):
+    """A source that is a folder of mesh files."""
+
+    path: Path | None = Field(None, description="The folder; by default, the one given with `--objects`.")
+
+    def folder(self, root: Path | None, description: str) -> Path:
+        """Return the folder, or `root` instead of it; the message of a missing one asks for what is described."""
+        path = root or self.path
+        path = path and expanded(path)
+        if path is None or not path.is_dir():
+            problem = "the manifest names no folder" if path is None else f"{path.resolve()} is no folder"
+            raise InvalidInput(f"{problem}; give {description} with --objects DIR (make: OBJECTS=DIR)")
+        return path
+
+
+class Directory(FolderSource):
     """Any folder of mesh files, each an object, or with a folder per object; a sub-folder above is its category.
 
     ```yaml
@@ -31,22 +46,21 @@ class Directory(MeshSource):
     """
 
     kind: Literal["directory"]
-    path: Path | None = None
-    """The folder; by default, the one given with `--objects`."""
-    layout: Layout | None = None
-    """files: each mesh file is an object; folders: each folder is one, even with several meshes; by default what most folders look like."""
-    category: str = "object"
-    """Of objects without a sub-folder above."""
+    layout: Layout | None = Field(
+        None,
+        description="files: each mesh file is an object; folders: each folder is one, even with several meshes; by default what "
+        "most folders look like.",
+    )
+    category: str = Field("object", description="Of objects without a sub-folder above.")
 
     def list_objects(self, root: Path | None) -> Iterator[Object]:
         """List every mesh file below the folder, except hidden ones."""
         folder, _, objects = self._find_objects(root)
         for item in objects.objects:
-            yield Object(item.name, item.category or self.category, self.placed(folder / item.file, folder))
+            yield Object(item.name, item.category or self.category, self.describe(folder / item.file, folder))
 
     def _find_objects(self, root: Path | None) -> tuple[Path, list[Path], FoundObjects]:
-        """Find the folder, all files and folders below it, and the objects among them."""
-        folder = _folder(root or self.path, "a folder of meshes")
+        folder = self.folder(root, "a folder of meshes")
         entries = sorted(islice(folder.rglob("*"), MAX_ENTRIES + 1))
         if len(entries) > MAX_ENTRIES:
             raise InvalidInput(f"{folder.resolve()} has more than {MAX_ENTRIES} files and folders; give the folder of the meshes alone")
@@ -70,10 +84,10 @@ class Directory(MeshSource):
                 reason = f"{path.suffix.lower()} cannot be read; convert to one of {', '.join(MESH_SUFFIXES)}"
                 files_by_reason.setdefault(reason, []).append(str(path.relative_to(folder)))
         for reason, files in files_by_reason.items():
-            yield f"left out {pluralise(len(files), 'file')} ({abbreviate(files)}): {reason}"
+            yield f"skipped {pluralise(len(files), 'file')} ({abbreviate(files)}): {reason}"
 
 
-class Catalogue(MeshSource):
+class Catalogue(FolderSource):
     """A folder whose `catalogue.csv` lists mesh files below it, one per line.
 
     Its columns are `object_id`, `category`, `file`, `up`, optionally `metres_per_unit` (these two the source's where they are empty), and
@@ -85,12 +99,10 @@ class Catalogue(MeshSource):
     """
 
     kind: Literal["catalogue"]
-    path: Path | None = None
-    """The folder; by default, the one given with `--objects`."""
 
     def list_objects(self, root: Path | None) -> Iterator[Object]:
         """List the objects of the catalogue in its order; one whose file is missing fails when it is read."""
-        folder = _folder(root or self.path, "a folder with a catalogue.csv (`make household` fills data/meshes/household)")
+        folder = self.folder(root, "a folder with a catalogue.csv (`make household` fills data/meshes/household)")
         file = folder / "catalogue.csv"
         try:
             lines = csv.DictReader(io.StringIO(read_text(file, MAX_CATALOGUE_BYTES), newline=""), restval="")
@@ -104,7 +116,7 @@ class Catalogue(MeshSource):
                         f"{file.resolve()}: {line['object_id']} has file {line['file']!r}; it must be a path below {folder.resolve()}"
                     )
                 unit = _unit(line.get("metres_per_unit", ""), f"{file.resolve()}: {line['object_id']}")
-                source = self.placed(folder / line["file"], folder, line["up"], unit)
+                source = self.describe(folder / line["file"], folder, line["up"], unit)
                 yield Object(line["object_id"], as_name(line["category"]), source)
         except csv.Error as error:
             raise InvalidInput(f"{file.resolve()} cannot be read as CSV: {error}") from error
@@ -124,7 +136,7 @@ def _unit(text: str, line: str) -> float | None:
     return unit
 
 
-class ShapeNet(MeshSource):
+class ShapeNet(FolderSource):
     """A folder laid out as ShapeNetCore is: SYNSET/MODEL/models/model_normalized.obj, or SYNSET/MODEL/model.obj.
 
     Renderings, where a manifest names their folder, lie in SYNSET/MODEL/rendering below it.
@@ -135,18 +147,13 @@ class ShapeNet(MeshSource):
     """
 
     kind: Literal["shapenet"]
-    path: Path | None = None
-    """The folder; by default, the one given with `--objects`."""
-    meshes: str = "."
-    """Folder of the synsets, from the folder given."""
-    renderings: str | None = None
-    """Folder of the renderings' synsets, from the folder given."""
-    classes_may_be_missing: bool = False
-    """Whether a synset without a folder is left out."""
-    synsets: dict[str, Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]] = Field(min_length=1)
-    """The synset of each category."""
-    counts: dict[str, int] | None = None
-    """How many models each category must have; by default, any number."""
+    meshes: str = Field(".", description="Folder of the synsets, from the folder given.")
+    renderings: str | None = Field(None, description="Folder of the renderings' synsets, from the folder given.")
+    classes_may_be_missing: bool = Field(False, description="Whether a synset without a folder is skipped.")
+    synsets: dict[str, Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]] = Field(
+        min_length=1, description="The synset of each category."
+    )
+    counts: dict[str, int] | None = Field(None, description="How many models each category must have; by default, any number.")
 
     @model_validator(mode="after")
     def _counts_are_of_the_synsets(self) -> "ShapeNet":
@@ -156,7 +163,7 @@ class ShapeNet(MeshSource):
 
     def list_objects(self, root: Path | None) -> Iterator[Object]:
         """List every model of the named synsets, whose numbers must be those of `counts`; one without a file fails when it is read."""
-        parent = _folder(root or self.path, "a folder laid out as ShapeNetCore")
+        parent = self.folder(root, "a folder laid out as ShapeNetCore")
         folder = parent / self.meshes
         present = {category: synset for category, synset in self.synsets.items() if (folder / synset).is_dir()}
         if not present:
@@ -176,18 +183,10 @@ class ShapeNet(MeshSource):
                 )
             for name, file in files.items():
                 # its materials name ../images
-                source = self.placed(file, folder / synset / name)
+                source = self.describe(file, folder / synset / name)
                 if self.renderings is not None:
                     source["renderings"] = str(parent / self.renderings / synset / name / "rendering")
                 yield Object(f"{category}-{as_name(name)}", category, source)
-
-
-def _folder(path: Path | None, description: str) -> Path:
-    path = path and expanded(path)
-    if path is None or not path.is_dir():
-        problem = "the manifest names no folder" if path is None else f"{path.resolve()} is no folder"
-        raise InvalidInput(f"{problem}; give {description} with --objects DIR (make: OBJECTS=DIR)")
-    return path
 
 
 def _model_file(model: Path) -> Path:

@@ -12,7 +12,7 @@ from typing import Annotated
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainValidator, SerializeAsAny, model_validator
 
 from pipeline import plugins
-from pipeline.config.folder_sources import Catalogue, Directory, ShapeNet
+from pipeline.config.folder_sources import Catalogue, Directory, FolderSource, ShapeNet
 from pipeline.config.sources import MeshSource, ModelledSource, Pybullet, Source
 from pipeline.config.sources import Object as Object
 from pipeline.console import CONTROLS
@@ -30,14 +30,11 @@ OBJECT_ID = re.compile(r"(?!\.|zarr\.json$)[A-Za-z0-9._-]{1,120}")
 class Splits(BaseModel):
     """How many objects go to each split: shares that sum to 1, or counts that sum to the number of objects."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
-    train: float = Field(ge=0)
-    """For learning."""
-    valid: float = Field(ge=0)
-    """To choose the best epoch by."""
-    test: float = Field(ge=0)
-    """For evaluation."""
+    train: float = Field(ge=0, description="For learning.")
+    valid: float = Field(ge=0, description="To choose the best epoch by.")
+    test: float = Field(ge=0, description="For evaluation.")
 
     @property
     def are_counts(self) -> bool:
@@ -60,7 +57,7 @@ class Splits(BaseModel):
 def without_controls(name: str) -> str:
     """Return a name; raise an `InvalidInput` if it has control characters."""
     if match := CONTROLS.search(name):
-        raise InvalidInput(f"{name!r} has the character {match[0]!r}, which steers how text is shown; write the name without it")
+        raise InvalidInput(f"{name!r} contains the control character {match[0]!r}; remove it")
     return name
 
 
@@ -84,24 +81,24 @@ def _of_its_kind(entries: object) -> Source:
 class Manifest(BaseModel):
     """A dataset's objects, as its YAML file states them."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
-    name: Annotated[str, AfterValidator(without_controls)]
-    """Of the dataset, recorded in it."""
-    description: str
-    """For readers: which objects these are."""
-    seed: int = Field(ge=0)
-    """Seed of the splits and of all random choices per object; `--seed` replaces it for the objects, not for the splits."""
-    splits: Splits
-    """How many objects are for what, without those whose source states its split."""
-    sources: tuple[Annotated[SerializeAsAny[Source], PlainValidator(_of_its_kind)], ...] = Field(min_length=1)
-    """Where the objects come from, one or more, of any kinds."""
+    name: Annotated[str, AfterValidator(without_controls)] = Field(description="Of the dataset, recorded in it.")
+    description: str = Field(description="For readers: which objects these are.")
+    seed: int = Field(
+        ge=0,
+        description="Seed of the splits and of all random choices per object; `--seed` replaces it for the objects, not for the splits.",
+    )
+    splits: Splits = Field(description="How many objects are for what, without those whose source states its split.")
+    sources: tuple[Annotated[SerializeAsAny[Source], PlainValidator(_of_its_kind)], ...] = Field(
+        min_length=1, description="Where the objects come from, one or more, of any kinds."
+    )
 
     def objects(self, root: Path | None = None) -> list[Object]:
         """List every object in id order, with its category, source and split.
 
         `root` is the folder of meshes for a source that names none, or instead of that of the only one. An
-        `InvalidInput` names the place that was looked at and the way out: no objects, a folder or file that is not
+        `InvalidInput` names the folder or file and the remedy: no objects, a folder or file that is not
         there, an id that repeats or cannot name a file, a category with control characters or called `all`, an empty
         one, counts that do not match.
         """
@@ -140,23 +137,23 @@ class Manifest(BaseModel):
         return self.model_copy(update={"sources": tuple(changed)})
 
     def _with_paths_below(self, folder: Path) -> "Manifest":
-        """Return the manifest with its sources' relative paths counted from a folder."""
-        paths = [getattr(source, "path", None) for source in self.sources]
-        changed = (
-            source.model_copy(update={"path": folder / expanded(path)} if path else {})
-            for source, path in zip(self.sources, paths, strict=True)
-        )
-        return self.model_copy(update={"sources": tuple(changed)})
+        sources = [
+            source.model_copy(update={"path": folder / expanded(source.path)})
+            if isinstance(source, FolderSource) and source.path
+            else source
+            for source in self.sources
+        ]
+        return self.model_copy(update={"sources": tuple(sources)})
 
     def remarks(self, root: Path | None = None) -> list[str]:
-        """Report the recognised layout of its folders, and files that look like objects but are left out."""
+        """Report the recognised layout of its folders, and skipped files that look like objects."""
         return [line for source, folder in self._with_roots(root) if isinstance(source, MeshSource) for line in source.remarks(folder)]
 
     def _with_roots(self, root: Path | None) -> list[tuple[Source, Path | None]]:
         """Give a folder of meshes to the source that names none, or replace that of the only one that takes a folder."""
         if root is None:
             return [(source, None) for source in self.sources]
-        folders = [source for source in self.sources if isinstance(source, Directory | Catalogue | ShapeNet)]
+        folders = [source for source in self.sources if isinstance(source, FolderSource)]
         takers = [source for source in folders if source.path is None] or folders
         if not takers:
             raise InvalidInput(
@@ -178,7 +175,7 @@ class Manifest(BaseModel):
         if self.splits.are_counts and sum(amounts) != len(items):
             counts = " + ".join(f"{number:g}" for number in amounts)
             raise InvalidInput(
-                f"the splits count {counts} = {sum(amounts):g} objects, {len(items)} were found"
+                f"the splits count {counts} = {sum(amounts):g} objects, the sources list {len(items)}"
                 f"{f' without the {len(stated_splits)} whose source states its split' if stated_splits else ''}; "
                 "complete the folder, or state shares that sum to 1 in a manifest of your own"
             )
@@ -204,7 +201,6 @@ def _sizes(shares: Sequence[float], objects: int) -> list[int]:
 
 
 def _check_names(objects: Sequence[Object]) -> None:
-    """Refuse invalid and repeated names of objects, which are sorted by id."""
     for item in objects:
         if not OBJECT_ID.fullmatch(item.object_id):
             rule = "up to 120 letters, digits, '.', '_', '-' can, the first no '.', and not zarr.json: rename it, or its file"

@@ -49,7 +49,7 @@ class FoundObjects:
             )
         if self.others:
             names = [file.as_posix() for file in self.others]
-            yield f"left out {pluralise(len(names), 'file')} ({abbreviate(names)}): another mesh of the same object is taken"
+            yield f"skipped {pluralise(len(names), 'file')} ({abbreviate(names)}): another mesh of the same object is taken"
 
 
 def find_objects(files: Sequence[Path], layout: Layout | None = None) -> FoundObjects:
@@ -111,7 +111,6 @@ def _names(files: Sequence[Path]) -> set[str]:
 
 
 def _named_by_folder(first: tuple[tuple[str, ...], Sequence[Path]], *_: object) -> bool:
-    """Check whether the meshes of a folder have its name or a generic one."""
     home, files = first
     return _names(files) <= {home[-1].lower()}
 

@@ -52,6 +52,10 @@ def value_text(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False, default=str).replace('"', "")
 
 
+READERS = {"hand": ("hand_listing", "list_hand"), "sensor": ("sensor_file", "load_sensor"), "scene": ("scene_file", "load_scene")}
+"""The function that reads each kind of description file, after its module."""
+
+
 def described_by(kind: Literal["hand", "sensor", "scene"]) -> AfterValidator:
     """Read the description file that a setting names, so that errors in it are reported before the first stage runs.
 
@@ -59,7 +63,8 @@ def described_by(kind: Literal["hand", "sensor", "scene"]) -> AfterValidator:
     """
 
     def read(name: str) -> str:
-        getattr(import_module(f"pipeline.formats.{kind}_file"), f"load_{kind}")(name)
+        module, function = READERS[kind]
+        getattr(import_module(f"pipeline.formats.{module}"), function)(name)
         return name
 
     return AfterValidator(read)

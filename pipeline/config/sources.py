@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pipeline.kernels.geometry.mesh import Mesh
 
 NOT_UTF8 = re.compile("[\ud800-\udfff]")
-"""Characters that Python puts in place of bytes of a file's name that are not UTF-8 (`surrogateescape`)."""
+"""Characters that Python writes for bytes of a file's name that are not UTF-8 (`surrogateescape`)."""
 MAX_OBJECTS = 200_000  # most objects of a source: listing them takes a second, and memory, before anything else is done
 
 
@@ -40,18 +40,23 @@ class Object:
 class Source(BaseModel):
     """What every source states: the licence of its meshes, and a checksum where its files are known beforehand."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    kind: str
-    """Which kind of source it is, of those below or of a package that declares it."""
-    licence: str = Field(min_length=1)
-    """Of the meshes; recorded with every object."""
-    sha256: str | None = Field(None, pattern="[0-9a-f]{64}")
-    """Checksum of all mesh files together, where they are known beforehand; if theirs is another, the error states it."""
-    split: Literal["train", "valid", "test"] | None = None
-    """Of all its objects, instead of one that is drawn for each: `test` for a source that no network is to learn from."""
-    url: str | None = Field(None, pattern="^https?://[!-~]{1,1000}$")
-    """Where its files can be had, for whoever makes the dataset again from its recipe: the address of a web page."""
+    kind: str = Field(description="Which kind of source it is, of those below or of a package that declares it.")
+    licence: str = Field(min_length=1, description="Of the meshes; recorded with every object.")
+    sha256: str | None = Field(
+        None,
+        pattern="[0-9a-f]{64}",
+        description="Checksum of all mesh files together, where they are known beforehand; if theirs is another, the error states it.",
+    )
+    split: Literal["train", "valid", "test"] | None = Field(
+        None, description="Of all its objects, instead of one that is drawn for each: `test` for a source that no network is to learn from."
+    )
+    url: str | None = Field(
+        None,
+        pattern="^https?://[!-~]{1,1000}$",
+        description="Where its files can be had, for whoever makes the dataset again from its recipe: the address of a web page.",
+    )
 
     @abstractmethod
     def list_objects(self, root: Path | None) -> Iterator[Object]:
@@ -75,12 +80,18 @@ class Source(BaseModel):
 class MeshSource(Source):
     """A source of mesh files: which axis of theirs points up, and how large they are."""
 
-    up: Literal["x", "y", "z"] | None = None
-    """Axis of the files that points up; by default what the file or its format states, else z. Or `--up`."""
-    metres_per_unit: float | None = Field(None, ge=LEAST_UNIT, le=GREATEST_UNIT)
-    """Keeps real sizes: 0.001 for mm; by default what a file or its format states, else objects are scaled to one size. Or `--units`."""
+    up: Literal["x", "y", "z"] | None = Field(
+        None, description="Axis of the files that points up; by default what the file or its format states, else z. Or `--up`."
+    )
+    metres_per_unit: float | None = Field(
+        None,
+        ge=LEAST_UNIT,
+        le=GREATEST_UNIT,
+        description="Keeps real sizes: 0.001 for mm; by default what a file or its format states, else objects are scaled to "
+        "one size. Or `--units`.",
+    )
 
-    def placed(self, file: Path, root: Path, up: str | None = None, metres_per_unit: float | None = None) -> dict[str, Any]:
+    def describe(self, file: Path, root: Path, up: str | None = None, metres_per_unit: float | None = None) -> dict[str, Any]:
         """Describe how to load a file of this source; it may name files below `root`, and state its up-axis and unit.
 
         An `InvalidInput` says that its path has control characters, or bytes that are not UTF-8, in which records are
@@ -98,7 +109,7 @@ class MeshSource(Source):
         }
 
     def remarks(self, root: Path | None) -> Iterator[str]:
-        """Report the recognised layout of the folder, and files that look like objects but are left out."""
+        """Report the recognised layout of the folder, and skipped files that look like objects."""
         yield from ()
 
 
@@ -135,12 +146,10 @@ def identity(source: Mapping[str, Any]) -> str:
 class PybulletFile(BaseModel):
     """One mesh of the pybullet wheel."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
-    file: str
-    """Its path in `pybullet_data`."""
-    up: Literal["x", "y", "z"] | None = None
-    """Axis of the file that points up; by default the source's."""
+    file: str = Field(description="Its path in `pybullet_data`.")
+    up: Literal["x", "y", "z"] | None = Field(None, description="Axis of the file that points up; by default the source's.")
 
 
 class Pybullet(MeshSource):
@@ -152,12 +161,9 @@ class Pybullet(MeshSource):
     """
 
     kind: Literal["pybullet"]
-    files: dict[str, PybulletFile] = {}
-    """Meshes, by the ids that the objects get."""
-    random_urdfs: int = Field(0, ge=0, le=1000)
-    """How many of the wheel's thousand `random_urdfs`."""
-    category: str = "object"
-    """Of all these objects."""
+    files: dict[str, PybulletFile] = Field({}, description="Meshes, by the ids that the objects get.")
+    random_urdfs: int = Field(0, ge=0, le=1000, description="How many of the wheel's thousand `random_urdfs`.")
+    category: str = Field("object", description="Of all these objects.")
 
     def list_objects(self, root: Path | None) -> Iterator[Object]:
         """List the named files, then the first of `random_urdfs`."""
@@ -167,7 +173,7 @@ class Pybullet(MeshSource):
         for name, file, up in [*named_files, *numbered_files]:
             if not (data / file).is_file():
                 raise InvalidInput(f"there is no {file!r} in {data}; correct the path of {name}, or reinstall the pinned packages")
-            yield Object(name, self.category, self.placed(data / file, (data / file).parent, up))
+            yield Object(name, self.category, self.describe(data / file, (data / file).parent, up))
 
 
 def fingerprint(source: dict[str, Any]) -> dict[str, Any]:

@@ -29,7 +29,7 @@ class GraspDataset(Dataset[Item]):
     def __init__(self, data: str | Location, arrays: Sequence[str], split: str | None = "train") -> None:
         self.rows = ObjectRows(data, [*arrays, "joint_angles"], split)  # whose shape gives the number of grasps
         self.arrays = tuple(arrays)
-        self.left_out = self.rows.left_out
+        self.failed = self.rows.failed
         self._of_grasps = {name for name in arrays if self.rows.dims(name)[1:2] == ("grasp",)}
         grasps = self.rows.size("joint_angles", "grasp")
         self.items = [(object_id, grasp) for object_id in self.rows.object_ids for grasp in range(grasps)]

@@ -9,8 +9,7 @@ from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.file_content import expanded
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
-from pipeline.kernels.hand.grasp import Grasp
-from pipeline.kernels.hand.grasp_closure import Contact
+from pipeline.kernels.hand.grasp import Contact, Grasp
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.rows import Row

@@ -21,7 +21,7 @@ def open_artifact(data: str | Location, artifact: str) -> xarray.Dataset:
     """Open all shards of an artifact as one labelled dataset; values are read when they are used.
 
     Arrays have the dimensions, units and descriptions of the schemas, and coordinates `object`, `grasp`, `sensor` and
-    `joint` where they apply; ragged meshes are left out. Rows of objects that failed are zeros: `ok` marks them, the
+    `joint` where they apply; ragged meshes are not opened. Rows of objects that failed are zeros: `ok` marks them, the
     attribute `failures` says why. Where objects have not been made yet, the attribute `missing` names them. Attributes
     other than text and numbers are JSON text, which netCDF can hold.
 

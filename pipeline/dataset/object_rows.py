@@ -69,7 +69,7 @@ class ObjectRows:
         artifacts = self._collections.values()
         failures = {name: failure for name in members for artifact in artifacts if (failure := artifact.failure(name))}
         # objects that failed in an artifact that is read, with stage and reason, or that an incomplete one lacks
-        self.left_out = {name: f"{failure.stage}: {failure.reason}" for name, failure in failures.items()}
+        self.failed = {name: f"{failure.stage}: {failure.reason}" for name, failure in failures.items()}
         self.object_ids = [name for name in members if name not in failures]
         self.categories = [first.row(name).category for name in self.object_ids]
         if not self.object_ids:
@@ -92,7 +92,7 @@ class ObjectRows:
         shard = collection.first
         for name, artifact in self._artifact_of.items():
             if artifact is collection.artifact and name not in DERIVED and not shard.has(name):
-                raise StoreError(f"{shard.path} has no {name}: it was made without; set the stage's setting for it and run again")
+                raise StoreError(f"{shard.path} has no array {name}; enable it in the settings of its stage and run again")
 
     def attributes(self, artifact: str) -> Mapping[str, Any]:
         """Read the attributes of an artifact's root, such as `sensors` of `touch`."""
@@ -224,7 +224,7 @@ def paired_rows(first: Path, second: Path, *arrays: str) -> Iterator[tuple[str, 
     """Yield the id of each object that failed in neither of two data directories, and its named arrays from each."""
     ours, theirs = (ObjectRows(data, arrays, split=None) for data in (first, second))
     for object_id in ours.object_ids:
-        if object_id not in theirs.left_out:
+        if object_id not in theirs.failed:
             yield object_id, [ours.read(name, object_id) for name in arrays], [theirs.read(name, object_id) for name in arrays]
 
 

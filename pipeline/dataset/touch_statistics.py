@@ -56,7 +56,7 @@ class Tally:
 
 
 def tally(data: Location) -> dict[str, Tally]:
-    """Count the touches of every category in a data directory; failed objects are left out."""
+    """Count the touches of every category in a data directory, of objects that did not fail."""
     shard = DataDirectory(data).collection(GRASPS).first
     measured = HOLD_MEASURES if shard.has("closure") else ()  # older datasets have none
     tested = tuple(name for name in ("held", "held_directions", *MOTIONS) if shard.has(name))

@@ -26,7 +26,6 @@ Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]  # (rows, cols, 3)
 Rows = Mapping[str, Mapping[str, np.ndarray]]
 """An object's rows, by artifact."""
-
 TRIAL_RESOLUTION = 48
 """Pixels per side of the images that decide between cameras: enough to count what they show."""
 STRIDE = 3

@@ -22,13 +22,10 @@ from pipeline.kernels.touch.sensor import Sensor
 
 OBJECT_FACES, LINK_FACES, PATCH_FACES = 6000, 80, 200
 """Most faces of an object, of each shape of a hand and of a touched patch in a small scene: as many as a screen shows."""
-
 TEXTURED_FACES = 20_000
 """Most faces with which an object keeps its texture in a small scene; one with more gets the texture's colours at its vertices."""
-
 GRID = 2.0**-15
 """m to which coordinates are rounded in a small scene: 30 µm, which halves compressed files."""
-
 TEXTURE = 512
 """Pixels along the longest side of a texture in a small scene, which is written as WebP."""
 
@@ -60,8 +57,11 @@ class GraspScenes:
             self._add_grasp(scene, rows, grasp)
         return scene
 
-    def predictions(self, surfaces: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Scene:
-        """Make a scene of predicted surfaces, (V, 3) m and (F, 3) by name; nodes are called `prediction-NAME`."""
+    def predictions(
+        self,
+        surfaces: Mapping[str, tuple[np.ndarray, np.ndarray]],  # (V, 3) m, (F, 3) by name
+    ) -> Scene:
+        """Make a scene of predicted surfaces, whose nodes are called `prediction-NAME`."""
         scene = trimesh.Scene(base_frame="world")
         for name, (vertices, faces) in surfaces.items():
             self.add(scene, name, _plain(vertices, faces, VISION_COLORS[0][:3]), f"prediction-{name}")
@@ -129,8 +129,8 @@ class GraspScenes:
         return [trimesh.Trimesh(vertices, faces, vertex_colors=linear_colors(painted), process=False)]
 
 
-def _merged(mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Merge coincident vertices of a mesh to (V, 3), m, and (F, 3), so that simplifying it opens no seam."""
+def _merged(mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:  # (V, 3) m, (F, 3)
+    """Merge coincident vertices of a mesh, so that simplifying it opens no seam."""
     vertices, number = np.unique(mesh.vertices, axis=0, return_inverse=True)
     return vertices, number.reshape(-1)[mesh.faces]
 
@@ -169,8 +169,8 @@ def _of_material(mesh: Mesh, material: int, side: int | None) -> trimesh.Trimesh
     return trimesh.Trimesh(mesh.vertices[used_vertices], corners.reshape(-1, 3), visual=visual, process=False)
 
 
-def _vertex_colors(mesh: Mesh) -> NDArray[np.uint8]:
-    """Look up the (V, 4) sRGB colour of every vertex, in the material of one of its faces."""
+def _vertex_colors(mesh: Mesh) -> NDArray[np.uint8]:  # (V, 4) sRGB
+    """Look up the colour of every vertex, in the material of one of its faces."""
     look = mesh.look
     material = np.zeros(len(mesh.vertices), int)
     material[mesh.faces] = look.face_material[:, None]

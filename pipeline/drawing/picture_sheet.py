@@ -119,8 +119,11 @@ def _legend(page: Image.Image, sensor: Sensor) -> None:
         pencil.text((x, MARGIN + 34), text, FAINT, small, anchor=anchor)
 
 
-def scaled(image: NDArray[np.uint8], side: int) -> Image.Image:
-    """Scale an image (rows, cols, 3) into a square, with white borders if it is not square."""
+def scaled(
+    image: NDArray[np.uint8],  # (rows, cols, 3)
+    side: int,
+) -> Image.Image:
+    """Scale an image into a square, with white borders if it is not square."""
     picture = Image.fromarray(np.ascontiguousarray(image))
     return picture if picture.size == (side, side) else ImageOps.pad(picture, (side, side), Image.Resampling.LANCZOS, color=PAPER)
 

@@ -20,7 +20,6 @@ from pipeline.store.atomic import write_atomically
 
 INK = "#010203"
 """Placeholder for the colour of text and lines, which follows the page's theme."""
-
 THEME = "<style>svg{--ink:#1b1f24}@media (prefers-color-scheme:dark){svg{--ink:#e8eaed}}</style>"
 DECADES = 3
 """Decades below a limit that a histogram shows; values beyond them, or a decade above it, count at its ends."""
@@ -82,8 +81,15 @@ def draw_bars(path: Path, bars: Mapping[str, ArrayLike], labels: Sequence[object
         axes.legend(frameon=False)
 
 
-def draw_histogram(path: Path, values: Mapping[str, NDArray[np.floating]], *, x: str, y: str, limit: float | None = None) -> None:
-    """Draw the distributions of series (N,) as lines over common bins, as an SVG; with a limit, over decades and with a line there."""
+def draw_histogram(
+    path: Path,
+    values: Mapping[str, NDArray[np.floating]],  # (N,) by series
+    *,
+    x: str,
+    y: str,
+    limit: float | None = None,  # marked by a line; bins are over decades
+) -> None:
+    """Draw the distributions of series as lines over common bins, as an SVG."""
     with themed_svg(path) as figure:
         axes = figure.subplots()
         if limit is None:

@@ -11,7 +11,7 @@ from pipeline.store.directory import changed_files
 from pipeline.store.record import Name, RelativePath, Sha256, Stored
 from pipeline.store.storage import Location, exists, list_folder, read_bytes
 
-PAGES, REMEDY = "pages.json", "run `vt-pipeline report` again"
+WRITTEN, REMEDY = "pages.json", "run `vt-pipeline report` again"
 
 Written = TypeVar("Written", bound=Stored)
 
@@ -70,7 +70,7 @@ def report_problems(data: Location) -> dict[Location, list[str]]:
         return {}
     try:
         refuse_links(report)
-        changed = changed_files(report, read_list(report / PAGES, Pages).every_file())
+        changed = changed_files(report, read_list(report / WRITTEN, Pages).every_file())
     except StoreError as error:
-        return {report / PAGES: [str(error)]}
-    return {report / PAGES: [f"{name} {problem}; {REMEDY}" for name, problem in changed.items()]}
+        return {report / WRITTEN: [str(error)]}
+    return {report / WRITTEN: [f"{name} {problem}; {REMEDY}" for name, problem in changed.items()]}

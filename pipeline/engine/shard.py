@@ -19,7 +19,7 @@ from pipeline.errors import BugFound, InvalidInput, StageError, StoreError
 from pipeline.store import digest
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory, shard_of
-from pipeline.store.publish import ShardOutput, withdraw
+from pipeline.store.publish import ShardOutput
 from pipeline.store.record import Failure, ShardRecord
 from pipeline.store.rows import Result, Row, conform, row_digest
 from pipeline.store.shard import Shard
@@ -209,7 +209,7 @@ class ShardPlan(Plan[ShardOutput]):
         self.directory.set_shard_count(self.output.shards)
         self._refuse_other_objects()
         if not self.units:
-            withdraw(self.output.record_path)
+            self.output.withdraw()
             return self.answer(f"removed, {NO_OBJECT_LEFT}")
         results: dict[str, Result] = {}
         for unit in self.units:
@@ -316,9 +316,7 @@ class ShardPlan(Plan[ShardOutput]):
             constants_digest=digest.of_arrays(constants),
             metadata={},
         )
-        chunks = [result.shapes for result in results]
-        output.commit(record, chunks, lambda number: output.rows.chunks(results[number]), constants, attributes)
-        output.rows.discard_all({unit.name: unit.key for unit in self.units})
+        output.commit(record, results, constants, attributes)
 
     def _labels(self) -> Row:
         """Read the labels of dimensions from the inputs' shards of the same number: others may be out of date."""

@@ -44,8 +44,8 @@ POSITIONS = rb"<source\b[^>]*\bid\s*=\s*[\"']%s[\"'].*?<float_array\b[^>]*>([^<]
 def image_names(content: bytes) -> Iterator[tuple[str, str]]:
     """List the images of a file: id, and name of the file that holds it."""
     for attributes, name in IMAGE.findall(content):
-        found = ID.search(attributes)
-        yield _text(found[1]) if found else "", _text(name)
+        identity = ID.search(attributes)
+        yield _text(identity[1]) if identity else "", _text(name)
 
 
 def check_shape(content: bytes) -> None:
@@ -89,7 +89,6 @@ def rewrite_effects(content: bytes, unread: list[str]) -> tuple[bytes, set[str]]
 
 
 def _show_emission(shader: Element) -> None:
-    """Rename a colour or texture that a shader emits if it has no other one."""
     emission, diffuse = shader.find("emission"), shader.find("diffuse")
     if emission is None or not _shows(emission) or (diffuse is not None and _shows(diffuse)):
         return
@@ -136,7 +135,6 @@ def _wraps(effect: Element, params: Mapping[str | None, Element]) -> Iterator[tu
 
 
 def _image_id(name: str, params: Mapping[str | None, Element]) -> str:
-    """Follow a shader's texture to its sampler, surface and image."""
     for path in ("sampler2D/source", "surface/init_from"):
         if name in params:
             name = (params[name].findtext(path) or name).strip()
@@ -185,21 +183,20 @@ def cut_concave(content: bytes) -> bytes:
 def _any_concave(corners: NDArray[np.int64], sizes: NDArray[np.int64], vertices: Array) -> bool:
     firsts = np.cumsum(sizes) - sizes
     several = ((firsts[sizes == size, None] + np.arange(size)) for size in np.unique(sizes[sizes > 3]))
-    return any(bool(is_concave(vertices[corners[places]]).any()) for places in several)
+    return any(bool(is_concave(vertices[corners[rows]]).any()) for rows in several)
 
 
 def _positions(content: bytes, source: bytes) -> Array | None:
     """Read the positions (V, 3) of a source; None where there is none of this name."""
-    found = re.search(POSITIONS % re.escape(source), content, re.DOTALL) if source else None
-    return None if found is None else read_numbers(found[1]).reshape(-1, int(_attribute(found[2], b"stride") or 1))[:, :3]
+    match = re.search(POSITIONS % re.escape(source), content, re.DOTALL) if source else None
+    return None if match is None else read_numbers(match[1]).reshape(-1, int(_attribute(match[2], b"stride") or 1))[:, :3]
 
 
 def _source_id(text: bytes, semantic: bytes) -> bytes:
-    """Return the id of the source of the input with a semantic."""
     named = (_attribute(given, b"source") for given in INPUT.findall(text) if _attribute(given, b"semantic") == semantic)
     return next(named, b"").removeprefix(b"#")
 
 
 def _attribute(text: bytes, name: bytes) -> bytes:
-    found = re.search(rb"\b" + name + rb"\s*=\s*[\"']([^\"']*)", text)
-    return found[1] if found else b""
+    match = re.search(rb"\b" + name + rb"\s*=\s*[\"']([^\"']*)", text)
+    return match[1] if match else b""

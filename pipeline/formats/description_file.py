@@ -62,7 +62,6 @@ def description_path(kind: Kind, name: str | Path) -> Path:
 
 
 def _similar_file(path: Path) -> Path | None:
-    """Find a YAML file beside a path with a similar name."""
     neighbours = {file.name: file for file in islice(path.parent.glob("*.y*ml"), 1000)} if path.parent.is_dir() else {}
     return neighbours.get(closest_name(path.name, neighbours) or "")
 
@@ -128,24 +127,24 @@ def texts_in(content: Any) -> Iterator[str]:
 def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
     """Name every unusable entry, with the reason and a short value; suggest the closest one of `names`, all entries."""
     details: list[Any] = error.errors()
-    places = [item["loc"] for item in details]
+    locations = [item["loc"] for item in details]
     guesses = {  # the same name in another part of the file is no suggestion
         item["loc"]: closest_name(item["loc"][-1], set(names) - {item["loc"][-1]}) for item in details if item["type"] == "extra_forbidden"
     }
-    misspelt = {(*place[:-1], name) for place, name in guesses.items()}
+    misspelt = {(*location[:-1], name) for location, name in guesses.items()}
     choices = {item["loc"]: re.findall("'([^']*)'", item["ctx"]["expected"]) for item in details if item["type"] == "literal_error"}
     guesses |= {item["loc"]: closest_name(item["input"], choices[item["loc"]]) for item in details if item["loc"] in choices}
     lines: dict[str, list[str]] = {}  # by entry: one that may be of several types has an error for each
     for item in details:
-        place = item["loc"]
-        inside = any(other[: len(place)] == place and other != place for other in places)
-        if place in misspelt or (item["type"] == "too_short" and inside):  # both follow from another error
+        location = item["loc"]
+        inside = any(other[: len(location)] == location and other != location for other in locations)
+        if location in misspelt or (item["type"] == "too_short" and inside):  # both follow from another error
             continue
         if item["type"] == "union_tag_not_found":
-            place = (*place, item["ctx"]["discriminator"].strip("'"))
+            location = (*location, item["ctx"]["discriminator"].strip("'"))
         value = "" if item["type"] == "value_error" else _quoted_value(item["input"])  # our own messages state the value
-        name = ".".join(str(part) for part in place if part != "[key]" and not UNION_MEMBER.fullmatch(str(part)))
-        lines.setdefault(name, []).append(_describe(item["type"], name, item["msg"], guesses.get(place), value))
+        name = ".".join(str(part) for part in location if part != "[key]" and not UNION_MEMBER.fullmatch(str(part)))
+        lines.setdefault(name, []).append(_describe(item["type"], name, item["msg"], guesses.get(location), value))
     return "; ".join(
         ", or ".join([first, *(line.removeprefix(f"{name}: ") for line in others)]) for name, (first, *others) in lines.items()
     )

@@ -56,7 +56,6 @@ class Looks:
         return look
 
     def _painted(self, look: Look, primitive: Primitive) -> Look:
-        """Give a look the material of its primitive."""
         material = self._document.entry("materials", primitive.material)
         name = f"material {one_line(material.get('name', primitive.material))}"
         layers = ((np.array(factor, np.float64), entry, self._texture(name, entry)) for factor, entry in _layers(material))
@@ -176,7 +175,6 @@ def _layers(material: dict[str, Any]) -> Iterator[tuple[ArrayLike, dict[str, Any
 
 
 def _emission(material: dict[str, Any]) -> tuple[list[float], dict[str, Any]]:
-    """Return the light that a material emits: factor (4,) and the entry of a texture."""
     strength = table(table(material, "extensions"), "KHR_materials_emissive_strength").get("emissiveStrength", 1)
     return [*(strength * light for light in material.get("emissiveFactor", (0, 0, 0))), 1], table(material, "emissiveTexture")
 

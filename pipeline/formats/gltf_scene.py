@@ -19,11 +19,11 @@ from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.geometry.transforms import compose, transform_points, unit_vectors
 
 REST = {"TRANSLATION": (0.0, 0.0, 0.0), "ROTATION": (0.0, 0.0, 0.0, 1.0), "SCALE": (1.0, 1.0, 1.0)}
-"""What places a node or an instance, each with its default."""
+"""The parts of the pose of a node or an instance, each with its default."""
 
 
 def read_gltf(companions: Companions, decode: Decode) -> list[Mesh]:
-    """Read the surfaces of the scene that a glTF file shows, each in its place, m, y up; list what is left out as unread."""
+    """Read the surfaces of the scene that a glTF file shows, each in its pose, m, y up; list what is skipped as unread."""
     document = Document(companions.file_name, companions.content, lambda uri: companions[uri] if uri in companions.paths else None)
     companions.unread += [f"its extension {name} is not read" for name in foreign_extensions(document.tree, "extensionsUsed")]
     nodes = _Nodes(document, Looks(document, decode, companions.unread), companions.unread)
@@ -97,7 +97,7 @@ class _Nodes:
         self.shown = self._below(roots)
         hidden = set(range(len(self._nodes))) - set(self.shown)
         if lost := sum("mesh" in self._nodes[number] for number in hidden):
-            unread.append(f"{lost} of its nodes with a mesh are left out: they are hidden, or not in the scene that it shows")
+            unread.append(f"{lost} of its nodes with a mesh are skipped: they are hidden, or not in the scene that it shows")
 
     def parts(self, number: int) -> list[_Part]:
         """Read the surfaces of a node's mesh, once for all nodes that have it."""
@@ -178,7 +178,6 @@ class _Nodes:
 
 
 def _pose(node: dict[str, Any]) -> Array:
-    """Return the matrix (4, 4) of a node in its parent."""
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     return pose_matrix(*(node.get(name.lower(), default) for name, default in REST.items()))

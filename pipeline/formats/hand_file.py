@@ -54,7 +54,7 @@ class _FingerEntry(_Entry):
         min_length=1, description="Joints of the URDF that move it, and no other finger; names such as 0 or yes in quotes."
     )
     sensor: _SensorMount | None = Field(None, description="Its sensor, if it has one.")
-    sensors: list[_SensorMount] = Field([], description="In place of `sensor`, several.")
+    sensors: list[_SensorMount] = Field([], description="Several, instead of `sensor`.")
 
     @property
     def mounts(self) -> list[_SensorMount]:
@@ -65,10 +65,10 @@ class _FingerEntry(_Entry):
 class _PalmEntry(_Entry):
     """The palm; points and directions are in its link's frame."""
 
-    link: str = Field(description="Link of the URDF that the fingers grow from; an arm or a floating base above it is left out.")
+    link: str = Field(description="Link of the URDF that the fingers grow from; an arm or a floating base above it is ignored.")
     facing: Vector = Field(description="The palm's outward normal, towards where objects are grasped.")
     centre: Vector = Field(
-        description="The point that is placed 5 to 60 mm from an object, m; for a hand with long fingers, a point between them."
+        description="The point that is set 5 to 60 mm from an object, m; for a hand with long fingers, a point between them."
     )
     sensors: list[_SensorMount] = Field([], description="Sensors on links that no finger moves.")
 
@@ -79,11 +79,11 @@ class HandFile(_Entry):
     name: str = Field(description="Name of the hand, recorded in grasps.")
     urdf: str = Field(description="Path of the URDF, from the hand file; xacro, MJCF and SDF are not read.")
     sensor: str | None = Field(None, description="The sensor that fingers wear: a shipped one, or a path from the hand file.")
-    palm: _PalmEntry = Field(description="Where the hand is placed over an object.")
+    palm: _PalmEntry = Field(description="Where the hand is set over an object.")
     fingers: list[_FingerEntry] = Field(min_length=1, description="One or more; a moving joint is in one of them, or `frozen`.")
     frozen: dict[str, Coordinate] = Field({}, description="Angles, rad (m), of moving joints that no finger uses.")
     allowed_contacts: list[tuple[str, str]] = Field(
-        [], description="Pairs of links that may overlap. Neighbours that overlap at rest are found without."
+        [], description="Pairs of links that may overlap. Neighbours that overlap at rest need no entry."
     )
     convex_parts: dict[str, Annotated[int, Field(ge=1, le=32)]] = Field(
         {},
@@ -118,7 +118,6 @@ _cached: dict[Path, tuple[list[str] | None, Hand]] = {}
 
 
 def _digests(hand: Hand) -> list[str] | None:
-    """Hash the files of a hand; None if one is missing."""
     try:
         return [hashlib.sha256(file.read_bytes()).hexdigest() for file in hand.files]
     except OSError:

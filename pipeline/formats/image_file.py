@@ -2,7 +2,7 @@
 
 import io
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -56,7 +56,7 @@ def read_depth(path: Path) -> NDArray[Any]:
 
 
 @contextmanager
-def open_image(path: Path, formats: Sequence[str] = FORMATS, *, max_bytes: int = MAX_BYTES) -> Iterator[Image.Image]:
+def open_image(path: Path, formats: list[str] | tuple[str, ...] = FORMATS, *, max_bytes: int = MAX_BYTES) -> Iterator[Image.Image]:
     """Open an image file; whatever Pillow trips over becomes an `InvalidInput` that names the file."""
     content = read_file(path, max_bytes)
     try:
@@ -72,7 +72,6 @@ def open_image(path: Path, formats: Sequence[str] = FORMATS, *, max_bytes: int =
 
 
 def _read_pixels(path: Path, modes: tuple[str, ...], what: str, remedy: str, convert: Callable[[Image.Image], Any]) -> Any:
-    """Open an image that has one of these Pillow modes, and convert it."""
     with open_image(path) as image:
         _check(path, image, modes, what, remedy)
         ImageOps.exif_transpose(image, in_place=True)
@@ -91,7 +90,6 @@ def _check(path: Path, image: Image.Image, modes: tuple[str, ...], what: str, re
 
 
 def _bits(image: Image.Image) -> int:
-    """Count the bits of a colour in an RGB file."""
     if isinstance(image, TiffImageFile):
         return int(max(image.tag_v2.get(BITSPERSAMPLE, (8,))))
     return 16 if image.format == "PNG" and any(tile[3] == "RGB;16B" for tile in image.tile) else 8  # type: ignore[attr-defined]

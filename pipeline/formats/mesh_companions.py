@@ -31,7 +31,7 @@ ALL_LIBRARIES = "*"
 SEARCHED_SUFFIXES = {".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tga", ".tif", ".tiff", ".webp", ".dds", ".ppm", ".pcx"}
 """Suffixes of files that are searched for. A glTF's buffer is not: another one would be another shape."""
 MAX_ENTRIES = 200_000
-"""Maximum number of files and folders below a folder that is searched; in a larger one nothing is found."""
+"""Maximum number of files and folders below a folder that is searched; a larger one is not searched."""
 CACHE_SECONDS = 60  # how long a listing is used: thousands of meshes may lack their textures
 
 
@@ -122,7 +122,6 @@ class Companions(Mapping[str, bytes]):
         return self._find(plain[match.end() :]) if (match := OPTIONS.match(plain)) else None
 
     def _regular(self, path: Path) -> Path | None:
-        """Resolve a path to a regular file below the root; None where there is none."""
         try:
             resolved = path.resolve()
             return resolved if resolved.is_relative_to(self._root) and resolved.is_file() else None
@@ -140,7 +139,7 @@ def check_file(file: Path) -> None:
         size = regular_stat(file).st_size
     except OSError as error:
         problem = "is not a regular file" if os.path.lexists(file) else "is not there"
-        raise InvalidInput(f"{file.name} {problem} ({file}); put it back, or mend the file that names it") from error
+        raise InvalidInput(f"{file.name} {problem} ({file}); restore it, or fix the file that references it") from error
     if size == 0:
         raise InvalidInput(f"{file.name} is an empty file")
     if size > MAX_BYTES:
@@ -202,13 +201,12 @@ class _Listing:
 
 @lru_cache(maxsize=2)
 def _list(root: Path, period: int) -> _Listing:
-    """List the files below a folder, without following links to folders."""
     files, with_meshes, entries = defaultdict[str, list[tuple[str, ...]]](list), set[tuple[str, ...]](), 0
-    for place, folders, names in os.walk(root):
+    for directory, folders, names in os.walk(root):
         entries += len(folders) + len(names)
         if entries > MAX_ENTRIES:
             return _Listing({}, set())
-        parts = Path(place).relative_to(root).parts
+        parts = Path(directory).relative_to(root).parts
         for name in names:
             suffix = os.path.splitext(name)[1].lower()
             if suffix in SEARCHED_SUFFIXES:
@@ -219,5 +217,4 @@ def _list(root: Path, period: int) -> _Listing:
 
 
 def _common(one: tuple[str, ...] | list[str], other: tuple[str, ...] | list[str]) -> int:
-    """Count the equal parts at the beginning."""
     return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(one, other, strict=False)))

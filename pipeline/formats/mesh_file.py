@@ -18,7 +18,6 @@ from pipeline.formats.file_content import MESH_SUFFIXES, refuse_foreign
 from pipeline.formats.gltf_scene import read_gltf
 from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions
 from pipeline.formats.mesh_parts import GREY, WHITE, build_part, check_corners, check_mesh
-from pipeline.formats.mesh_reader import read_in_subprocess
 from pipeline.formats.obj import check_statements, rewrite_lines, rewrite_uses, usual_text
 from pipeline.formats.off import read_off
 from pipeline.formats.ply import read_ply
@@ -34,16 +33,8 @@ PLACEHOLDER_PIXELS = np.array(PLACEHOLDER.convert("RGBA"))
 trimesh.util.log.disabled = True  # it logs tracebacks of what it recovers from
 
 
-def load_mesh(file: Path, root: Path | None = None) -> Mesh:
-    """Read the triangles of a file, in its own units and axes, with their materials and textures.
-
-    The files that it names must be below `root`, by default its folder. It is read in a process of its own, with limits of memory and time.
-    """
-    return read_in_subprocess(file, root or file.parent)
-
-
 def parse_mesh(file: Path, root: Path) -> Mesh:
-    """Read a mesh file in this process, without limits; otherwise like `load_mesh`."""
+    """Read a mesh file in this process, without limits; otherwise like `mesh_reader.load_mesh`."""
     if file.suffix.lower() not in MESH_SUFFIXES:
         raise InvalidInput(f"{file.name} cannot be read; convert it to one of {', '.join(MESH_SUFFIXES)}")
     companions = Companions(file, root)
@@ -122,7 +113,6 @@ def _build(part: Any, pose: Array, look: dict[str, Any]) -> Mesh:
 
 
 def _look(part: trimesh.Trimesh, textures: Textures) -> dict[str, Any]:
-    """Read the look of one of trimesh's parts, as `build_part` takes it."""
     visual: Any = part.visual
     color, uv, texture = np.array(WHITE if visual.kind == "vertex" else GREY, np.uint8), None, None
     if visual.kind == "texture":
@@ -140,7 +130,6 @@ def _look(part: trimesh.Trimesh, textures: Textures) -> dict[str, Any]:
 
 
 def _join(meshes: list[Mesh]) -> Mesh:
-    """Join meshes into one; each part keeps its look."""
     looks = [mesh.look for mesh in meshes]
     textures = list({id(texture): texture for look in looks for texture in look.textures}.values())
     numbers = {id(texture): number for number, texture in enumerate(textures)}

@@ -16,6 +16,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import IO
 
@@ -26,21 +27,19 @@ BYTES = 5 * 2**28
 """Memory that reading a file may take: a COLLADA file of a million faces takes 1.1 GB, other formats less."""
 SECONDS = 60  # processor time that reading a file may take: a million faces take 7 s at most
 REMEDY = "decimate the mesh, name each part once, or write it as binary PLY"
-START = """
-import collada, lxml.builder, PIL.Image
-from pipeline.formats.mesh_file import parse_mesh
-from pipeline.formats.mesh_reader import serve
-PIL.Image.init()
-serve(parse_mesh)
-"""
-"""The program of the process; it imports what readers need before a limit applies."""
+START = "from pipeline.formats.mesh_reader import serve; serve()"
+"""The program of the process."""
 _lock = threading.Lock()
 _readers: dict[int, subprocess.Popen[bytes]] = {}
 """The reader of each process that has one, by its number: a fork of it starts its own."""
 
 
-def read_in_subprocess(file: Path, root: Path) -> Mesh:
-    """Read a mesh file, which may name files below `root`, in a separate process that is limited to `BYTES` and `SECONDS`."""
+def load_mesh(file: Path, root: Path | None = None) -> Mesh:
+    """Read the triangles of a file, in its own units and axes, with their materials and textures.
+
+    The files that it names must be below `root`, by default its folder. It is read in a process limited to `BYTES` and `SECONDS`.
+    """
+    root = root or file.parent
     with _lock:
         reader = _readers.get(os.getpid())
         if reader and reader.poll() is not None:
@@ -65,14 +64,21 @@ def end_reader() -> None:
         reader.communicate()
 
 
-def serve(read: Callable[[Path, Path], Mesh]) -> None:
+def serve() -> None:
     """Read the files that standard input names; end when there are no more, or with the status of a fork that failed."""
+    import PIL.Image
+
+    from pipeline.formats.mesh_file import parse_mesh
+
+    for name in ("collada", "lxml.builder"):  # what readers need is imported before a limit applies
+        import_module(name)
+    PIL.Image.init()
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     for line in sys.stdin.buffer:
         file, root, size, seconds = json.loads(line)
         if not (fork := os.fork()):
-            _answer(lambda: read(Path(file), Path(root)), answers, {resource.RLIMIT_DATA: size, resource.RLIMIT_CPU: seconds})  # noqa: B023
+            _answer(lambda: parse_mesh(Path(file), Path(root)), answers, {resource.RLIMIT_DATA: size, resource.RLIMIT_CPU: seconds})  # noqa: B023
         if status := os.waitstatus_to_exitcode(os.waitpid(fork, 0)[1]):
             os._exit(status if status > 0 else 128 - status)
 

@@ -87,7 +87,6 @@ def rewrite_lines(content: bytes) -> bytes:
 
 
 def _offsets(kind: bytes, text: bytes) -> NDArray[np.int64]:
-    """Find where the lines of a kind begin."""
     return np.array([match.start() for match in re.finditer(rb"^" + kind + b" ", text, re.MULTILINE)], np.int64)
 
 
@@ -98,7 +97,7 @@ def _absolute(corner: bytes, offset: int, listed: Sequence[NDArray[np.int64]]) -
         for part, offsets in zip(corner.split(b"/"), listed, strict=False)  # the latter two may be missing
     ]
     if int(parts[0]) < 1:
-        raise InvalidInput(f"a face counts back to vertex {int(parts[0])}, the first one is 1; the file is damaged")
+        raise InvalidInput(f"a face has relative index {corner.decode().partition('/')[0]}, before the first vertex; the file is damaged")
     return b"/".join(parts)
 
 
@@ -114,10 +113,10 @@ def _cut_concave(faces: Sequence[re.Match[bytes]], offsets: NDArray[np.int64], v
         indices = named[firsts[numbers, None] + np.arange(size)]
         known = ((indices >= 0) & (indices < len(vertices))).all(axis=1)
         corners = vertices[indices[known]]  # (faces, size, 3)
-        for place in np.flatnonzero(is_concave(corners)):
-            cut = ear_clip(corners[place])
+        for row in np.flatnonzero(is_concave(corners)):
+            cut = ear_clip(corners[row])
             if len(cut) == size - 2:
-                triangles[int(numbers[known][place])] = cut
+                triangles[int(numbers[known][row])] = cut
     return triangles
 
 
@@ -235,5 +234,4 @@ def losses(material: Any, uv: np.ndarray | None) -> Iterator[str]:
 
 
 def _file(text: str) -> str:
-    """Return the file that a texture statement names, without options."""
     return text[match.end() :] if (match := OPTIONS.match(text)) else text

@@ -43,8 +43,8 @@ def read_ply(content: bytes, files: Mapping[str, bytes], decode: Decode, unread:
     if lines := np.count_nonzero(sizes < 3):
         unread.append(f"faces of fewer than three corners are not read ({lines})")
     check_mesh(int(np.maximum(sizes - 2, 0).sum()) + len(strips), len(vertices))
-    places, polygon = triangulate(corners, sizes, vertices)
-    faces = np.concatenate([corners[places], strips])
+    triangles, polygon = triangulate(corners, sizes, vertices)
+    faces = np.concatenate([corners[triangles], strips])
     if not len(faces):
         return []
     textures = _textures(comments, files, decode)
@@ -56,7 +56,7 @@ def read_ply(content: bytes, files: Mapping[str, bytes], decode: Decode, unread:
         unread.append("colours of faces are not read beside triangle strips")
         face_color = None
     uv = None
-    if any(texture is not None for texture in textures) and (uv := _corner_uv(vertex, face, indices, places, polygon, faces)) is None:
+    if any(texture is not None for texture in textures) and (uv := _corner_uv(vertex, face, indices, triangles, polygon, faces)) is None:
         unread.append("the texture of the PLY is not read: it has no texture coordinates")
     if uv is None:
         face_color = None if face_color is None else face_color[polygon]
@@ -86,15 +86,14 @@ def _cut_strips(element: Element) -> NDArray[np.int64]:
     corners, sizes, _ = _polygons(element)
     row, gap = np.repeat(np.arange(element.length), sizes), corners < 0
     begins = np.flatnonzero(np.append(True, (np.diff(row) != 0) | gap[:-1])[: len(corners)])
-    place = np.arange(len(corners)) - np.repeat(begins, np.diff([*begins, len(corners)]))  # within its strip
-    whole = (place[2:] >= 2) & ~gap[:-2] & ~gap[1:-1] & ~gap[2:]
+    position = np.arange(len(corners)) - np.repeat(begins, np.diff([*begins, len(corners)]))  # within its strip
+    whole = (position[2:] >= 2) & ~gap[:-2] & ~gap[1:-1] & ~gap[2:]
     first = np.flatnonzero(whole)
-    turned = place[first] % 2
+    turned = position[first] % 2
     return corners[np.stack([first + turned, first + 1 - turned, first + 2], axis=1)]
 
 
 def _check_elements(elements: Iterable[Element], unread: list[str]) -> None:
-    """Refuse elements with lists of vertices, which belong to the shape, and note others."""
     for element in elements:
         if element.length and any("vert" in name and not name.startswith("tex") for name in element.sizes):
             raise InvalidInput(f"it has {element.name} with lists of vertices, which cannot be read; export it as triangles")
@@ -134,12 +133,12 @@ def _unsigned(levels: NDArray[Any]) -> NDArray[Any]:
 
 
 def _corner_uv(
-    vertex: Element, face: Element, indices: str, places: NDArray[np.int64], polygon: NDArray[np.int64], faces: NDArray[np.int64]
+    vertex: Element, face: Element, indices: str, triangles: NDArray[np.int64], polygon: NDArray[np.int64], faces: NDArray[np.int64]
 ) -> Array | None:
     """Read texture coordinates (F, 3, 2) of triangles from a list per polygon, or from vertices; NaN where there are none."""
     if name := next((of.name for of in face.properties if of.name in face.sizes and of.type.kind == "f" and of.name != indices), None):
         sizes, corner_sizes = face.sizes[name], face.sizes[indices]
-        start = (np.cumsum(sizes) - sizes)[polygon, None] + 2 * (places - (np.cumsum(corner_sizes) - corner_sizes)[polygon, None])
+        start = (np.cumsum(sizes) - sizes)[polygon, None] + 2 * (triangles - (np.cumsum(corner_sizes) - corner_sizes)[polygon, None])
         fits = np.flatnonzero((sizes == 2 * corner_sizes)[polygon])
         uv = np.full((len(faces), 3, 2), np.nan)
         uv[fits] = face.values[name][start[fits, :, None] + np.arange(2)]

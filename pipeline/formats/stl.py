@@ -51,7 +51,6 @@ def _soup(corners: Floats, colors: NDArray[np.uint8] | None = None) -> list[Mesh
 
 
 def _read_text(content: bytes) -> list[Mesh]:
-    """Read the triangles of all solids of a text file."""
     text = NAME.sub(b"", content)
     vertices = VERTEX.findall(text)
     check_count("vertices", len(vertices), 3 * MAX_FACES, "decimate the mesh")

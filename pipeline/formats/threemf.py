@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from io import BytesIO
 
 import numpy as np
@@ -19,7 +18,7 @@ MAX_INSTANCES = 100_000  # maximum number of components, counted each time that 
 MAX_DEPTH = 100  # maximum depth of components within components
 EXTENSIONS = ("core/", "material/", "production/", "slice/", "trianglesets/")
 """Parts of the names of the extensions that a file may require: those that are read, and two that do not change the mesh."""
-LEFT_OUT = {"support": "a support", "solidsupport": "a support", "other": "a helper that is not built"}
+NO_SHAPE = {"support": "a support", "solidsupport": "a support", "other": "a helper that is not built"}
 """Types of objects that are no part of the shape."""
 COLORS = {"basematerials": "displaycolor", "colorgroup": "color"}
 """Groups of properties that are colours, and the attribute of each entry that states it."""
@@ -38,7 +37,7 @@ SETTINGS = ("metadatagroup", "settings")
 
 
 def read_threemf(content: bytes, decode: Decode, unread: list[str]) -> list[Mesh]:
-    """Read the meshes of a 3MF file where its build places them; append what is not read to `unread`."""
+    """Read the meshes of a 3MF file in the poses of its build; append what is not read to `unread`."""
     package = Package(BytesIO(content))
     for name, words in SLICER_VOLUMES.items():
         if name in package:
@@ -50,25 +49,9 @@ def read_threemf(content: bytes, decode: Decode, unread: list[str]) -> list[Mesh
     builder = _Builder(package, decode, unread)
     meshes = list(builder.build())
     if not meshes:
-        raise InvalidInput(f"nothing of it is built: {'; '.join(builder.left_out) or 'its build has no item with triangles'}")
-    unread += [*builder.left_out, *builder.lost]
+        raise InvalidInput(f"nothing of it is built: {'; '.join(builder.skipped) or 'its build has no item with triangles'}")
+    unread += [*builder.skipped, *builder.lost]
     return meshes
-
-
-@dataclass
-class _Part:
-    """A model with its objects by their ids, which count within it alone."""
-
-    name: str
-    model: Model
-
-    @property
-    def unit(self) -> str:
-        return self.model.root.attributes.get("unit", "")
-
-    @cached_property
-    def resources(self) -> dict[str, Element]:
-        return {element.attributes.get("id", ""): element for element in self.model.root.first("resources").children}
 
 
 @dataclass
@@ -87,40 +70,40 @@ class _Builder:
 
     def __init__(self, package: Package, decode: Decode, unread: list[str]) -> None:
         self._package, self._decode, self._unread = package, decode, unread
-        self._parts: dict[str, _Part] = {}
+        self._parts: dict[str, Model] = {}
         self._properties: dict[str, _Properties] = {}
         self._unit = ""  # of the main model, which is the first
         self._instances = self._faces = self._vertices = 0
-        self.left_out: dict[str, None] = {}  # in order, each once
+        self.skipped: dict[str, None] = {}  # in order, each once
         self.lost: dict[str, None] = {}
 
     def build(self) -> Iterator[Mesh]:
         """Build the items of the main model."""
         main = self._part(self._package.main)
-        for number, item in enumerate(main.model.root.first("build").all("item"), 1):
+        for number, item in enumerate(main.root.first("build").all("item"), 1):
             if item.attributes.get("printable", "1") in ("0", "false"):
-                self.left_out[f"item {number} is left out; it is marked as not printable"] = None
+                self.skipped[f"item {number} is skipped; it is marked as not printable"] = None
             else:
                 yield from self._place(main, item, np.eye(4), 0)
 
-    def _part(self, name: str) -> _Part:
+    def _part(self, name: str) -> Model:
         key = name.lower().lstrip("/")
         if key not in self._parts:
             with self._package.open(name) as stream:
-                part = _Part(name, parse_model(stream))
-            for prefix in part.model.root.attributes.get("requiredextensions", "").split():
-                uri = part.model.namespaces.get(prefix, prefix)
+                part = parse_model(name, stream)
+            for prefix in part.root.attributes.get("requiredextensions", "").split():
+                uri = part.namespaces.get(prefix, prefix)
                 if not any(known in uri for known in EXTENSIONS):
                     raise InvalidInput(f"it requires {uri}, which cannot be read; export it without that extension")
             self._unit = self._unit or part.unit or "millimeter"
             if (part.unit or self._unit) != self._unit:
                 raise InvalidInput(f"its models are in {self._unit} and in {part.unit}; export it in one unit")
-            if part.model.painted:
+            if part.painted:
                 self.lost["colours that a slicer painted on triangles are not read"] = None
             self._parts[key] = part
         return self._parts[key]
 
-    def _place(self, part: _Part, reference: Element, pose: Array, depth: int) -> Iterator[Mesh]:
+    def _place(self, part: Model, reference: Element, pose: Array, depth: int) -> Iterator[Mesh]:
         """Build the object that an item or a component names, at a pose."""
         self._instances += 1
         check_count("components", self._instances, MAX_INSTANCES, "merge its objects")
@@ -130,13 +113,13 @@ class _Builder:
         if (thing := part.resources.get(number)) is None or thing.tag != "object":
             raise InvalidInput(f"it names object {number} of {part.name}, which is not there; export it again")
         pose = pose @ _transform(reference)
-        if (kind := thing.attributes.get("type", "model")) in LEFT_OUT:
-            self.left_out[f"object {number} is left out; it is {LEFT_OUT[kind]}"] = None
+        if (kind := thing.attributes.get("type", "model")) in NO_SHAPE:
+            self.skipped[f"object {number} is skipped; it is {NO_SHAPE[kind]}"] = None
             return
         for setting in (setting for group in thing.children if group.tag in SETTINGS for setting in group.children):
             name = setting.attributes.get("name", setting.attributes.get("key", "")).removeprefix("cura:")
             if name in CURA_VOLUMES and setting.text.lower() == "true":
-                self.left_out[f"object {number} is left out; Cura marks it as {name}"] = None
+                self.skipped[f"object {number} is skipped; Cura marks it as {name}"] = None
                 return
         for child in thing.children:
             if child.tag == "components":
@@ -147,8 +130,7 @@ class _Builder:
             elif child.tag not in SETTINGS:
                 raise InvalidInput(f"object {number} is a {child.tag}, which cannot be read; export it as triangles")
 
-    def _mesh(self, part: _Part, thing: Element, mesh: Element, pose: Array) -> Iterator[Mesh]:
-        """Build the mesh of an object."""
+    def _mesh(self, part: Model, thing: Element, mesh: Element, pose: Array) -> Iterator[Mesh]:
         name = f"object {thing.attributes['id']} of {part.name}"
         if other := {child.tag for child in mesh.children} - {"vertices", "triangles", "trianglesets", "metadatagroup"}:
             raise InvalidInput(f"{name} has a {min(other)}, which cannot be read; export it as triangles")
@@ -182,7 +164,7 @@ class _Builder:
             textures=table.textures,
         )
 
-    def _table(self, part: _Part) -> _Properties:
+    def _table(self, part: Model) -> _Properties:
         """Read the properties of a part: entry 0 is none, the last one is white."""
         if part.name in self._properties:
             return self._properties[part.name]
@@ -205,8 +187,7 @@ class _Builder:
         table = _Properties(first, np.array(colors, np.uint8), np.array(uv, np.float64), np.array(pages, np.int64), textures)
         return self._properties.setdefault(part.name, table)
 
-    def _texture(self, part: _Part, group: Element) -> NDArray[np.uint8] | None:
-        """Decode the texture of a group of coordinates."""
+    def _texture(self, part: Model, group: Element) -> NDArray[np.uint8] | None:
         texture = part.resources.get(group.attributes["texid"], group)
         path = texture.attributes.get("path", "")
         if path not in self._package:
@@ -237,13 +218,12 @@ def _entries(thing: Element, properties: NDArray[np.int64], table: _Properties) 
     group = np.where(group < 0, own_group, group)
     names = np.array(sorted(table.first), np.int64)
     firsts = np.array([0, *(table.first[name] for name in names.tolist())])
-    place = np.searchsorted(names, group, side="right")
-    found = np.isin(group, names)[:, None]
-    return np.where(found, np.minimum(firsts[place][:, None] + numbers, len(table.color) - 2), 0)
+    index = np.searchsorted(names, group, side="right")
+    exists = np.isin(group, names)[:, None]
+    return np.where(exists, np.minimum(firsts[index][:, None] + numbers, len(table.color) - 2), 0)
 
 
 def _color(text: str) -> tuple[int, int, int, int]:
-    """Read a colour #RRGGBB or #RRGGBBAA in sRGB; grey if it is none."""
     if not re.fullmatch(r"#([0-9a-fA-F]{6}|[0-9a-fA-F]{8})", text.strip()):
         return GREY
     red, green, blue, opacity, *_ = (*bytes.fromhex(text.strip()[1:]), 255)

@@ -59,9 +59,20 @@ class Element:
 class Model:
     """A model part: its root element, the namespaces of prefixes, and whether triangles have painted colours."""
 
+    name: str
     root: Element
     namespaces: dict[str, str]
-    painted: bool
+    painted: bool = False
+
+    @property
+    def unit(self) -> str:
+        """Its unit, "" where it states none."""
+        return self.root.attributes.get("unit", "")
+
+    @cached_property
+    def resources(self) -> dict[str, Element]:
+        """Its objects and properties by their ids, which count within it alone."""
+        return {element.attributes.get("id", ""): element for element in self.root.first("resources").children}
 
 
 class Package:
@@ -104,10 +115,10 @@ def _normal(name: str) -> str:
     return unquote(name).replace("\\", "/").lstrip("/").lower()
 
 
-def parse_model(stream: IO[bytes]) -> Model:
+def parse_model(name: str, stream: IO[bytes]) -> Model:
     """Parse a part in XML, without entities or other files (3MF core, section 2.3.1: no DTD)."""
     root = Element("", {})
-    model, open_elements, count = Model(root, {}, False), [root], 0
+    model, open_elements, count = Model(name, root, {}), [root], 0
 
     def start(name: str, attributes: dict[str, str]) -> None:
         nonlocal count

@@ -5,8 +5,7 @@ processor's, and with them every pose that follows.
 """
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -15,8 +14,8 @@ import numpy as np
 
 from pipeline.console import Meter, errors
 from pipeline.errors import InvalidInput, missing_name
-from pipeline.formats.mesh_file import load_mesh
 from pipeline.formats.mesh_parts import MAX_FACES
+from pipeline.formats.mesh_reader import load_mesh
 from pipeline.formats.urdf_shapes import MAX_TURN, Color, check_unit, material_color, numbers_of, origin_of, shape_of
 from pipeline.formats.urdf_xml import parse_urdf
 from pipeline.kernels.geometry.mesh import Mesh
@@ -35,16 +34,16 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
     robot = parse_urdf(path)
     try:
         _check_unique(robot)
-        link_names = _below(robot, root)
+        names, joints = _tree(robot, root)
         materials = _materials(robot)
-        elements = [element for element in robot.findall("link") if _name(element) in link_names]
+        named = {_name(element): element for element in robot.findall("link")}
+        elements = [named[name] for name in names]
         files = {mesh.get("filename") for element in elements for mesh in element.iter("mesh")}
         with Meter(errors, f"{path.name}: reading meshes", len(files), "files", after=BAR_AFTER) as meter:
             read = _reader(meter)
             links = tuple(_link(element, path.parent, materials, read) for element in elements)
-        numbers = {link.name: i for i, link in enumerate(links)}
-        joints = [_joint(joint, numbers) for joint in robot.findall("joint") if root is None or _end_link(joint, "parent") in link_names]
-        return _in_tree_order(links, joints)
+        numbers = {name: number for number, name in enumerate(names)}
+        return links, tuple(_joint(joint, numbers) for joint in joints)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from error
 
@@ -66,20 +65,26 @@ def _materials(robot: Element) -> dict[str, Color]:
     return colors
 
 
-def _below(robot: Element, root: str | None) -> Collection[str]:
-    """List the names of a link and its descendants; of all links if none is given."""
-    names = [_name(link) for link in robot.findall("link")]
-    if root is None:
-        return names
-    if root not in names:
+def _tree(robot: Element, root: str | None) -> tuple[list[str], list[Element]]:
+    """List the names of links from the root, and the joints below each: breadth first, in the file's order; refuse what is no tree."""
+    names, joints = [_name(link) for link in robot.findall("link")], robot.findall("joint")
+    roots = sorted(set(names) - {_end_link(joint, "child") for joint in joints}, key=names.index)
+    if root is not None and root not in names:
         raise InvalidInput(missing_name("link", root, names))
-    ends = [(_end_link(joint, "parent"), _end_link(joint, "child")) for joint in robot.findall("joint")]
-    below, reached = [root], {root}
-    for link in below:  # grows as we go
-        children = [child for parent, child in ends if parent == link and child not in reached]
+    order, below = ([root] if root is not None else roots[:1]), list[Element]()
+    for link in order:  # grows as we go
+        children = [joint for joint in joints if _end_link(joint, "parent") == link]
         below += children
-        reached.update(children)
-    return reached
+        order += [child for joint in children if (child := _end_link(joint, "child")) not in order]
+    for joint in joints if root is None else below:
+        for role in ("parent", "child"):
+            if (link := _end_link(joint, role)) not in names:
+                raise InvalidInput(f"joint {_name(joint)} has {role} link {link!r}, which is not among the file's links")
+    every = (names, joints) if root is None else (order, below)
+    if (len(order), len(below)) != (len(every[0]), len(every[1])) or len(below) != len(order) - 1:
+        listed = ", ".join(name for name in roots if name in every[0]) or "none"
+        raise InvalidInput(f"{len(every[0])} links with {len(every[1])} joints are not a tree with one root (roots: {listed})")
+    return order, below
 
 
 def _end_link(joint: Element, role: str) -> str:
@@ -114,7 +119,6 @@ def _link(element: Element, folder: Path, materials: Mapping[str, Color], read: 
 
 
 def _inertial(link: Element) -> Inertial | None:
-    """Read the mass and the moments of a link; None where it states no mass."""
     inertial = link.find("inertial")
     if inertial is None:
         return None
@@ -131,18 +135,11 @@ def _number(element: Element | None, name: str, default: float = 0.0) -> float:
     return float(numbers_of(element, name, (default,))[0])
 
 
-def _link_number(element: Element, role: str, numbers: Mapping[str, int]) -> int:
-    link = _end_link(element, role)
-    if link not in numbers:
-        raise InvalidInput(f"joint {_name(element)} has {role} link {link!r}, which is not among the file's links")
-    return numbers[link]
-
-
 def _joint(element: Element, numbers: Mapping[str, int]) -> Joint:
     name, kind = _name(element), element.get("type", "")
     if kind not in (*MOVING, "fixed"):
         raise InvalidInput(f"joint {name} is of type {kind!r}; supported are {', '.join((*MOVING, 'fixed'))}")
-    parent, child = (_link_number(element, role, numbers) for role in ("parent", "child"))
+    parent, child = (numbers[_end_link(element, role)] for role in ("parent", "child"))
     axis = numbers_of(element.find("axis") if kind in MOVING else None, "xyz", (1.0, 0.0, 0.0))  # exporters fix joints about 0 0 0
     if not axis.any():
         raise InvalidInput(f"joint {name} has the axis 0 0 0; give a direction")
@@ -189,24 +186,6 @@ def _mimic(joint: Element) -> Mimic | None:
         raise InvalidInput(f"joint {_name(joint)} mimics {mimic.get('joint')!r} with multiplier 0; make it fixed")
     check_unit(f"joint {_name(joint)} mimics {mimic.get('joint')!r} with offset", (offset,), slides=joint.get("type") == "prismatic")
     return Mimic(mimic.get("joint", ""), multiplier, offset)
-
-
-def _in_tree_order(links: tuple[Link, ...], joints: list[Joint]) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
-    """Renumber links root first and order joints so that every parent comes before its children."""
-    children = [joint.child for joint in joints]
-    roots = [i for i in range(len(links)) if i not in children]
-    order, sequence = roots[:1], []
-    if len(set(children)) == len(joints):
-        for link in order:  # grows as we go: breadth first, in the file's order
-            below = [joint for joint in joints if joint.parent == link]
-            sequence += below
-            order += [joint.child for joint in below]
-    if len(order) != len(links):
-        names = ", ".join(links[i].name for i in roots) or "none"
-        raise InvalidInput(f"{len(links)} links with {len(joints)} joints are not a tree with one root (roots: {names})")
-    new_index = {old: i for i, old in enumerate(order)}
-    renumbered = tuple(replace(joint, parent=new_index[joint.parent], child=new_index[joint.child]) for joint in sequence)
-    return tuple(links[i] for i in order), renumbered
 
 
 def _name(element: Element) -> str:

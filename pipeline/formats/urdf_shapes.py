@@ -7,12 +7,11 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
-import trimesh
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import stated_units
 from pipeline.formats.mesh_companions import Companions
-from pipeline.formats.mesh_file import load_mesh
+from pipeline.formats.mesh_reader import load_mesh
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.geometry.transforms import rotation_from_euler, transform_points
@@ -26,13 +25,13 @@ MAX_LEVELS = 20  # number of folders around a URDF in which a package is searche
 REMEDY = "copy it there, or put an empty package.xml into the folder that holds both"
 GREY: Color = (178, 178, 178)  # sRGB colour of a visual shape that names none
 
-PRIMITIVES: Mapping[str, tuple[dict[str, int], Callable[..., trimesh.Trimesh]]] = {
-    "box": ({"size": 3}, lambda *size: trimesh.creation.box(extents=size)),
-    "sphere": ({"radius": 1}, lambda radius: trimesh.creation.icosphere(subdivisions=3, radius=radius)),
-    "cylinder": ({"radius": 1, "length": 1}, lambda radius, length: trimesh.creation.cylinder(radius, height=length, sections=32)),
-    "capsule": ({"radius": 1, "length": 1}, lambda radius, length: trimesh.creation.capsule(length, radius, count=(16, 32))),
+PRIMITIVES: Mapping[str, tuple[dict[str, int], Callable[..., Any]]] = {
+    "box": ({"size": 3}, lambda creation, *size: creation.box(extents=size)),
+    "sphere": ({"radius": 1}, lambda creation, radius: creation.icosphere(subdivisions=3, radius=radius)),
+    "cylinder": ({"radius": 1, "length": 1}, lambda creation, radius, length: creation.cylinder(radius, height=length, sections=32)),
+    "capsule": ({"radius": 1, "length": 1}, lambda creation, radius, length: creation.capsule(length, radius, count=(16, 32))),
 }
-"""The count of numbers of each attribute of a shape, and the shape of these sizes."""
+"""The count of numbers of each attribute of a shape, and the shape of these sizes by `trimesh.creation`, which takes half a second."""
 
 
 def shape_of(
@@ -42,6 +41,7 @@ def shape_of(
     read: Callable[[Path, Path], Mesh] = load_mesh,  # of a mesh file and the folder that its textures must be in: the package
 ) -> Shape:
     """Read a <visual> or <collision>."""
+
     material = element.find("material")
     (origin, rpy), color = origin_of(element), material_color(material, materials)
     for part in element.findall("geometry/*"):
@@ -49,9 +49,11 @@ def shape_of(
         companions: tuple[Path, ...] = ()
         path, scale = None, (1.0, 1.0, 1.0)
         if part.tag in PRIMITIVES:
+            from trimesh import creation
+
             counts, create = PRIMITIVES[part.tag]
             size = _sizes(part, **counts)
-            body = create(*size)
+            body = create(creation, *size)
         elif part.tag == "mesh":
             path, package = mesh_path(part.get("filename", ""), folder)
             body, companions = read(path, package), tuple(Companions(path, package).paths.values())
@@ -76,7 +78,7 @@ def mesh_path(name: str, folder: Path) -> tuple[Path, Path]:
     """
     folder = folder.resolve()
     ancestors = list(islice((folder, *folder.parents), MAX_LEVELS))
-    root = next((place for place in ancestors if _is_package(place)), folder.parent)
+    root = next((ancestor for ancestor in ancestors if _is_package(ancestor)), folder.parent)
     scheme, _, rest = name.rpartition("://")
     if scheme not in ("package", "model"):
         path = folder / name.removeprefix("file://")
@@ -84,8 +86,9 @@ def mesh_path(name: str, folder: Path) -> tuple[Path, Path]:
             return path, root
         raise InvalidInput(f"{name!r} lies outside {root}, the package of the URDF; {REMEDY}")
     package, _, inner = rest.partition("/")
-    places = [(place / rest, place / package if _is_package(place / package) else root) for place in ancestors]
-    existing = [(path, limit) for path, limit in (*places, *((place / inner, root) for place in ancestors if inner)) if path.is_file()]
+    candidates = [(folder / rest, folder / package if _is_package(folder / package) else root) for folder in ancestors]
+    candidates += [(folder / inner, root) for folder in ancestors if inner]
+    existing = [(path, limit) for path, limit in candidates if path.is_file()]
     for path, limit in existing:
         if _is_below(path, limit):
             return path, limit
@@ -99,7 +102,6 @@ def _is_package(folder: Path) -> bool:
 
 
 def _is_below(path: Path, root: Path) -> bool:
-    """Check whether a path leads below a folder, after following links."""
     try:
         return path.resolve().is_relative_to(root.resolve())
     except (OSError, ValueError, RuntimeError) as error:  # too long, a zero byte, a link to itself
@@ -153,7 +155,6 @@ def origin_of(element: Element) -> tuple[Array, tuple[float, ...]]:
 
 
 def _sizes(element: Element, **counts: int) -> tuple[float, ...]:
-    """Read the positive numbers of attributes, given the count of each."""
     sizes: list[float] = []
     for key, count in counts.items():
         numbers = numbers_of(element, key, (0.0,) * count)

@@ -84,7 +84,6 @@ def _parse_xml(text: str) -> Element:
 
 
 def _check_format(robot: Element) -> None:
-    """Refuse another format, and a URDF that xacro has yet to write."""
     if robot.tag != "robot":
         raise InvalidInput(_foreign(robot.tag))
     for element in robot.iter():
@@ -95,6 +94,5 @@ def _check_format(robot: Element) -> None:
 
 
 def _foreign(root: str) -> str:
-    """Describe a file with another root element than a URDF's."""
     name = OTHER_FORMATS.get(root, f"a file whose root is <{root}>")
     return f"it is {name}; a hand's `urdf` must be a URDF file, whose root is <robot>: name that, or convert this one"

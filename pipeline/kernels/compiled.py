@@ -1,9 +1,8 @@
 """Compilation of loops that numpy could only express with large temporary arrays."""
 
 from collections.abc import Callable
-from typing import TypeVar, cast
-
-import numba
+from functools import cached_property, update_wrapper
+from typing import Any, TypeVar, cast
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -16,7 +15,29 @@ def compiled(function: F) -> F:
     Copy slices in a loop, not by ``a[m:n] = b``: numba compiles the words of an error into that, which takes three
     seconds. `numba.guvectorize` is not used: its cache is not safe for several processes (numba #10128).
     """
-    try:
-        return cast(F, numba.njit(error_model="numpy", cache=True)(function))
-    except RuntimeError:  # no cache folder is writable: every process compiles for itself
-        return cast(F, numba.njit(error_model="numpy")(function))
+    return cast(F, _Compiled(function))
+
+
+class _Compiled:
+    """A function that numba compiles when it is first called, here or by another compiled one: importing numba takes half a second."""
+
+    def __init__(self, function: Callable[..., object]) -> None:
+        self.py_func = function
+        update_wrapper(self, function)
+
+    def __call__(self, *arguments: object) -> object:
+        return self._dispatcher(*arguments)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """The type by which numba finds the compiled function in other functions."""
+        return self._dispatcher._numba_type_
+
+    @cached_property
+    def _dispatcher(self) -> Any:
+        import numba
+
+        try:
+            return numba.njit(error_model="numpy", cache=True)(self.py_func)
+        except RuntimeError:  # no cache folder is writable: every process compiles for itself
+            return numba.njit(error_model="numpy")(self.py_func)

@@ -28,12 +28,13 @@ class Observation:
 
     def scaled(self, centre: Sequence[float]) -> "Observation":
         """Scale the object with its touches and its camera about a point (3,), world, m, so that the image stays the same."""
-        if self.scale == 1:
-            return self
-        scaling = scaling_about(centre, self.scale)
-        camera = None if self.camera is None else moved_projection(self.camera, scaling)
-        vertices = transform_points(scaling, self.touch_vertices.astype(np.float64)).astype(np.float32)
-        return replace(self, touch_vertices=vertices, camera=camera, scale=1.0)
+        return self if self.scale == 1 else replace(self.moved(scaling_about(centre, self.scale)), scale=1.0)
+
+    def moved(self, motion: np.ndarray) -> "Observation":
+        """Move the object with its touches and its camera by a similarity (4, 4), m, so that the image stays the same."""
+        camera = None if self.camera is None else moved_projection(self.camera, motion)
+        vertices = transform_points(motion, self.touch_vertices.astype(np.float64)).astype(np.float32)
+        return replace(self, touch_vertices=vertices, camera=camera)
 
 
 def observed_arrays(config: NetworkInputs) -> tuple[str, ...]:

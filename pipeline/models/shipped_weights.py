@@ -1,4 +1,4 @@
-"""Networks that ship with the package: models in the layout of a training, and one per calibrated sensor; each has a card."""
+"""Pretrained networks of the package: models in the layout of a training, and one per calibrated sensor; each has a card."""
 
 from pathlib import Path
 from typing import Annotated
@@ -58,9 +58,9 @@ class SensorError(_Entry):
 
 
 class SensorCard(_Entry):
-    """The card of a shipped network that reads a sensor's photographs."""
+    """The card of a pretrained network that reads a sensor's photographs."""
 
-    sensor: str  # name of the shipped sensor
+    sensor: str  # name of the built-in sensor
     presses: int = Field(ge=1)  # simulated
     trained_on: tuple[TrainedOn, ...] = Field(min_length=1)
     commit: str  # of the code that trained it
@@ -71,7 +71,7 @@ class SensorCard(_Entry):
 
 
 class ModelCard(_Entry):
-    """The card of a shipped network."""
+    """The card of a pretrained network."""
 
     network: str  # its configuration
     # objects per manifest, also of a network that its training began with
@@ -85,7 +85,7 @@ class ModelCard(_Entry):
 
 
 def shipped_models() -> Path:
-    """Find the folder of the networks that ship; raise a `StageError` if this version has none."""
+    """Find the folder of the pretrained networks; raise a `StageError` if this version has none."""
     if not trained_models(SHIPPED):
         raise StageError(
             "no network ships with this version of vt-pipeline: name a folder of models with --models, or a data directory with --data"
@@ -105,13 +105,13 @@ def card_path(models: Path, configuration: str) -> Path:
 
 
 def shipped_sensor_network(sensor: str, weights: Path = SHIPPED) -> Path | None:
-    """Find the folder of the network that ships for a sensor's photographs; None if none does."""
+    """Find the folder of the pretrained network for a sensor's photographs; None if there is none."""
     folder = weights / SENSORS / sensor
     return folder if (folder / DESCRIPTION).is_file() else None
 
 
 def read_card(configuration: str, models: Path | None = None) -> ModelCard:
-    """Read the card of a shipped network; raise a `StoreError` if there is none, or it cannot be used."""
+    """Read the card of a pretrained network; raise a `StoreError` if there is none, or it cannot be used."""
     path = card_path(models or SHIPPED, configuration)
     try:
         return ModelCard.model_validate(yaml.safe_load(read_file(path, MAX_BYTES)))

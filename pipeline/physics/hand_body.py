@@ -4,7 +4,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.hand.collision_shapes import collision_boxes
@@ -29,7 +29,6 @@ class HandBody:
     """A hand that a client has loaded; `links` are PyBullet's numbers of the hand's links, `motors` those of its joint vector."""
 
     def __init__(self, client: PhysicsClient, hand: Hand, urdf: Path) -> None:
-        """Load a URDF from `write_hand_urdf`."""
         self.client, self.hand = client, hand
         flags = pybullet.URDF_USE_SELF_COLLISION | pybullet.URDF_IGNORE_VISUAL_SHAPES | pybullet.URDF_USE_INERTIA_FROM_FILE
         self.body = client.loadURDF(str(urdf), useFixedBase=True, flags=flags)
@@ -59,7 +58,6 @@ class HandBody:
         return joint
 
     def _is_above(self, upper: int, link: int) -> bool:
-        """Return whether one link of the hand carries another."""
         while link > upper:  # parents come before children
             link = self.hand.joints[link - 1].parent
         return link == upper
@@ -74,7 +72,7 @@ class HandBody:
         client = self.client
         # PyBullet takes the pose of the root's inertial frame; the pose given is that of the URDF frame.
         offset, turn = client.getDynamicsInfo(self.body, -1)[3:5]
-        quaternion = Rotation.from_matrix(hand_pose[:3, :3]).as_quat().tolist()
+        quaternion = scipy.spatial.transform.Rotation.from_matrix(hand_pose[:3, :3]).as_quat().tolist()
         base = pybullet.multiplyTransforms(hand_pose[:3, 3].tolist(), quaternion, offset, turn)
         client.resetBasePositionAndOrientation(self.body, *base)
         following = [joint.multiplier * start[joint.entry] + joint.offset for joint in self.hand.followers]

@@ -6,9 +6,9 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
 
 import numpy as np
+import scipy
 import trimesh
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from pipeline.console import abbreviate
 from pipeline.kernels.arrays import Array
@@ -75,7 +75,8 @@ def gel_name(number: int) -> str:
 def _add_link(robot: Element, link: Link, stem: Path) -> None:
     element = SubElement(robot, "link", name=link.name)
     _add_inertial(element, _estimated(link))
-    for number, shape in enumerate(link.collisions):
+    numbered = sorted(enumerate(link.collisions), key=lambda item: item[1].kind == "mesh")  # results depend on the order, by chance
+    for number, shape in numbered:
         collision = SubElement(element, "collision")
         geometry = SubElement(collision, "geometry")
         if shape.kind == "mesh":
@@ -152,7 +153,6 @@ def _add_joint(robot: Element, joint: Joint, hand: Hand) -> None:
 
 
 def _add_plate(robot: Element, hand: Hand, number: int, sensor: Sensor) -> None:
-    """Add the plate of a gel, which slides from the sensor plane to the surface of the gel."""
     link = SubElement(robot, "link", name=gel_name(number))
     _add_inertial(link, Inertial(GEL_MASS, np.zeros(3), (0.0, 0.0, 0.0), (1e-6, 0.0, 0.0, 1e-6, 0.0, 1e-6)))
     plate = SubElement(link, "collision")
@@ -171,7 +171,7 @@ def _add_origin(
     pose: Array,  # (4, 4)
     rpy: Sequence[float] | None,  # rad; None: any angles of the pose, of several at a pitch of 90°
 ) -> None:
-    angles = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", suppress_warnings=True) if rpy is None else rpy
+    angles = scipy.spatial.transform.Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", suppress_warnings=True) if rpy is None else rpy
     SubElement(element, "origin", xyz=_text(pose[:3, 3]), rpy=_text(angles))
 
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.hand.grasp import Grasp
-from pipeline.kernels.hand.grasp_closure import Contact
+from pipeline.kernels.hand.grasp import Contact, Grasp
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.sensor import Sensor

@@ -13,7 +13,7 @@ from typing import Annotated, Literal, NamedTuple
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
-from pipeline.config.folder_sources import Catalogue, Directory, ShapeNet
+from pipeline.config.folder_sources import FolderSource, ShapeNet
 from pipeline.config.manifest import OBJECT_ID, Manifest
 from pipeline.config.sources import Pybullet
 from pipeline.console import CONTROLS
@@ -72,7 +72,7 @@ def _with_safe_paths(manifest: Manifest) -> Manifest:
                 names = [entry.file for entry in source.files.values()]
             case ShapeNet():
                 names = [*source.synsets.values(), source.renderings, None if source.meshes == "." else source.meshes]
-        if isinstance(source, Directory | Catalogue | ShapeNet) and source.path is not None:
+        if isinstance(source, FolderSource) and source.path is not None:
             names += [str(source.path)]
             if len(source.path.parts) != 1:
                 raise ValueError(f"path {str(source.path)[:80]!r} of a source must be the name of a folder")

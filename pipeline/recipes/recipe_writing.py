@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pipeline.config.folder_sources import Catalogue, Directory, ShapeNet
+from pipeline.config.folder_sources import FolderSource, ShapeNet
 from pipeline.config.manifest import Manifest, Object, load_manifest
 from pipeline.config.sources import fingerprint
 from pipeline.console import abbreviate
@@ -23,8 +23,6 @@ from pipeline.store.record import ShardRecord
 from pipeline.store.storage import Location
 from schemas.catalogue import ARTIFACTS
 from stages.registry import DATASET, load_stage
-
-Folders = Directory | Catalogue | ShapeNet
 
 
 def source_hash(source: Mapping[str, Any]) -> str:
@@ -165,14 +163,14 @@ def _portable_settings(settings: Mapping[str, Any], names: Mapping[Path, str]) -
 
 def _portable(manifest: Manifest, folder: Path | None) -> Manifest:
     """Remove the paths of folders from a manifest, and file checksums and counts, which the objects' hashes replace."""
-    paths = [folder or source.path for source in manifest.sources if isinstance(source, Folders)]
+    paths = [folder or source.path for source in manifest.sources if isinstance(source, FolderSource)]
     several = len(set(paths)) > 1
     if several and len({path.name for path in paths if path}) < len(set(paths)):
         raise InvalidInput(f"folders {abbreviate([str(path) for path in paths])} go by one name; give each another")
     changed = []
     for source in manifest.sources:
         update: dict[str, Any] = {"sha256": None}
-        if isinstance(source, Folders):
+        if isinstance(source, FolderSource):
             update["path"] = Path(source.path.name) if several and source.path else None
         if isinstance(source, ShapeNet):
             update["counts"] = None

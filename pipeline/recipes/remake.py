@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import JsonValue, ValidationError
 
+from pipeline.config.folder_sources import FolderSource
 from pipeline.config.manifest import Manifest, Object
 from pipeline.config.settings import Settings, load_presets
 from pipeline.console import NAMED, abbreviate, pluralise
@@ -20,7 +21,7 @@ from pipeline.errors import InvalidInput, unknown_name
 from pipeline.formats.description_file import invalid_entries, shipped_files
 from pipeline.recipes.own_files import DESCRIBED, place_files
 from pipeline.recipes.recipe import Recipe
-from pipeline.recipes.recipe_writing import Folders, source_hash
+from pipeline.recipes.recipe_writing import source_hash
 from pipeline.store.storage import Location
 from stages.registry import DATASET, load_stage, resolve
 
@@ -142,13 +143,15 @@ def _version_remedy(recipe: Recipe) -> str:
 
 def _with_folders(manifest: Manifest, objects: Path | None) -> Manifest:
     """Resolve the folders that the recipe names below the user's folder."""
-    named = [source.path for source in manifest.sources if isinstance(source, Folders) and source.path]
+    named = [source.path for source in manifest.sources if isinstance(source, FolderSource) and source.path]
     if named and objects is None:
         raise InvalidInput(
             f"the recipe takes meshes from folders {abbreviate(list(map(str, named)))}; give what holds them: --objects FOLDER"
         )
     changed = [
-        source.model_copy(update={"path": objects / source.path}) if isinstance(source, Folders) and source.path and objects else source
+        source.model_copy(update={"path": objects / source.path})
+        if isinstance(source, FolderSource) and source.path and objects
+        else source
         for source in manifest.sources
     ]
     return manifest.model_copy(update={"sources": tuple(changed)})
@@ -156,11 +159,11 @@ def _with_folders(manifest: Manifest, objects: Path | None) -> Manifest:
 
 def _listed(recipe: Recipe, manifest: Manifest, objects: Path | None) -> list[Object]:
     """List the objects, which must be those of the recipe: others would change how splits are drawn."""
-    folders = [source for source in manifest.sources if isinstance(source, Folders)]
+    folders = [source for source in manifest.sources if isinstance(source, FolderSource)]
     root = None if any(source.path for source in folders) or not folders else objects
     if objects is not None and not folders:
         raise InvalidInput(f"the recipe of {manifest.name} names its own objects; leave --objects out")
-    found_ids = {item.object_id for source in manifest.sources for item in source.find(root if isinstance(source, Folders) else None)}
+    found_ids = {item.object_id for source in manifest.sources for item in source.find(root if isinstance(source, FolderSource) else None)}
     if missing := sorted(recipe.rows.keys() - found_ids):
         raise InvalidInput(
             f"{pluralise(len(missing))} of the recipe not found ({abbreviate(missing)}), whose files have these SHA-256: "

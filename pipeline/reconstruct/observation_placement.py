@@ -1,4 +1,4 @@
-"""Move a robot's observation to the world of a network's training: the object to its place, the photograph to its camera."""
+"""Move a robot's observation to the world of a network's training, and its photograph to the training's camera."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -139,8 +139,8 @@ def open_object(data: Location, arrays: Sequence[str], object_id: str, numbers: 
     """Open arrays of a data directory, and check that an object with these grasps or viewpoints is there; a `StoreError` otherwise."""
     counted = "joint_angles" if kind == "grasp" else "rendering"  # their number
     rows = ObjectRows(data, sorted({*arrays, counted}), split=None)
-    if object_id in rows.left_out:
-        raise StoreError(f"{object_id} failed in {rows.left_out[object_id]}")
+    if object_id in rows.failed:
+        raise StoreError(f"{object_id} failed in {rows.failed[object_id]}")
     if object_id not in rows.object_ids:
         raise StoreError(f"{data.resolve()} has no object {object_id}; it has {abbreviate(rows.object_ids)}")
     available = rows.size(counted, kind)

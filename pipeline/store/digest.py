@@ -15,16 +15,16 @@ LOGS = "tensorboard"
 
 
 def of_json(value: Any) -> str:
-    """Compute the SHA-256 of a JSON value, whatever the order of its keys."""
+    """Compute the SHA-256 of a JSON value, independent of the order of its keys."""
     return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()).hexdigest()
 
 
 def of_arrays(arrays: Mapping[str, np.ndarray], **attributes: Any) -> str:
-    """Compute the SHA-256 of named arrays (names, dtypes, shapes, values) and JSON attributes, whatever their order."""
+    """Compute the SHA-256 of named arrays (names, dtypes, shapes, values) and JSON attributes, independent of their order."""
     digest = hashlib.sha256(of_json(attributes).encode())
     for name in sorted(arrays):
         array = np.ascontiguousarray(arrays[name])
-        if array.dtype.kind in "OUT":  # strings, whatever numpy keeps them in
+        if array.dtype.kind in "OUT":  # strings, of any numpy type
             digest.update(f"{name}\0string\0{of_json(array.tolist())}".encode())
             continue
         digest.update(f"{name}\0{array.dtype.str}\0{array.shape}\0".encode())

@@ -3,6 +3,7 @@
 import hashlib
 import math
 import shutil
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,7 @@ from pipeline.store.layout import (
     shard_file,
 )
 from pipeline.store.record import FolderRecord, Provenance, RowRecord, ShardRecord, named_location, read_record, serialise_with_checksum
-from pipeline.store.rows import Chunks, Row, RowFiles
+from pipeline.store.rows import Chunks, Result, Row, RowFiles
 from pipeline.store.shard import Shard
 from pipeline.store.storage import Location, files_below, remove
 from pipeline.store.temporary import local_copy
@@ -164,20 +165,60 @@ def _group_shapes(artifact: Artifact, rows: Sequence[RowRecord], shapes: Sequenc
     return group_shapes
 
 
-class ShardOutput:
-    """A shard of an artifact: its paths, its published version, and the rows that wait to be published.
+class Output(ABC):
+    """A shard or folder that a plan makes: its paths, and its published version.
 
-    `path` is the record's without its suffix, as messages name the shard; a run holds `lock` while it makes the shard.
-    `shard` and its `record` are None if none is published, or it cannot be used.
+    `path` is the record's without its suffix, as messages name the output; a run holds `lock` while it makes the output. `record` is
+    None if none is published, or it cannot be used.
     """
 
-    def __init__(self, directory: DataDirectory, artifact: Artifact, number: int, shards: int) -> None:
-        self.directory, self.artifact, self.shards, self.name = directory, artifact, shards, shard_name(number, shards)
-        self.path, self.work = directory.root / artifact.name / self.name, directory.work(artifact.name)
-        self.record_path = directory.shard_record(artifact.name, number, shards)
-        self.lock = self.work / f"{self.name}.lock"
-        self.rows = RowFiles(self.work, artifact)
+    record: Provenance | None
+
+    def __init__(self, directory: DataDirectory, record_path: Location, work: Location, lock: str) -> None:
+        self.directory, self.record_path, self.work = directory, record_path, work
+        self.path, self.lock = record_path.with_suffix(""), work / lock
         self.refresh()
+
+    @abstractmethod
+    def refresh(self) -> None:
+        """Read again what is published."""
+
+    def withdraw(self) -> None:
+        """Remove the record: new readers find no output, current ones get the grace period."""
+        if (location := named_location(self.record_path)) is not None:
+            mark_replaced(self.record_path.with_name(location))
+        remove(self.record_path)
+
+    def _publish(
+        self,
+        source: Path | None,  # a group or folder to move to `path`; None if it is there
+        path: Location,
+        record: Provenance,
+        version: str | None,  # that the record had when the output was planned
+        **fields: Any,  # of the record, which are known now
+    ) -> None:
+        """Move a group or folder to its path, then publish its record."""
+        record = type(record).model_validate({**dict(record), "location": path.name, **fields})
+        if source is not None:
+            move_folder(source, path)
+        replaced = named_location(self.record_path)
+        if replaced not in (None, path.name):
+            mark_replaced(path.with_name(replaced))
+        if not replace_version(self.record_path, serialise_with_checksum(record), version):
+            raise StoreError(f"{self.record_path} was published by another run meanwhile; run again")
+        if isinstance(path, Path):  # object storage has no locks: there, `vt-pipeline collect-garbage` does it
+            collect(self.directory, path.parent)
+        self.refresh()
+
+
+class ShardOutput(Output):
+    """A shard of an artifact, and its rows that wait to be published; `shard` is None where `record` is."""
+
+    def __init__(self, directory: DataDirectory, artifact: Artifact, number: int, shards: int) -> None:
+        self.artifact, self.shards, self.name = artifact, shards, shard_name(number, shards)
+        work = directory.work(artifact.name)
+        self.rows = RowFiles(work, artifact)
+        super().__init__(directory, directory.shard_record(artifact.name, number, shards), work, f"{self.name}.lock")
 
     def refresh(self) -> None:
         """Read again what is published."""
@@ -185,7 +226,7 @@ class ShardOutput:
             self.shard: Shard | None = Shard(self.record_path.parent, self.artifact, read_record(self.record_path, ShardRecord))
         except StoreError:
             self.shard = None
-        self.record = None if self.shard is None else self.shard.record
+        self.record: ShardRecord | None = None if self.shard is None else self.shard.record
 
     def is_complete(self) -> bool:
         """Check that every file of the published shard exists and is not empty."""
@@ -198,32 +239,29 @@ class ShardOutput:
     def commit(
         self,
         record: ShardRecord,
-        shapes: Sequence[Shapes],
-        chunks: Callable[[int], Chunks],
-        constants: Row,
+        results: Sequence[Result],  # of its rows, whose files are removed afterwards
+        constants: Row,  # arrays without an object dimension
         attributes: Mapping[str, Any],
-    ) -> Location:
-        """Write the group of the record's rows, and publish the record with the group's name; return the group's path."""
+    ) -> None:
+        """Write the group of the record's rows, and publish the record with the group's name."""
+        shapes = [result.shapes for result in results]
         location = versioned(self.name, [record.key, [row.digest for row in record.rows]]) + ".zarr"
-        path, version = self.path.with_name(location), version_of(self.record_path)
+        version = version_of(self.record_path)
         with local_copy(self.work, begin=False) as work:
             for unfinished in work.glob(f"{self.name}-*.zarr"):  # of a run that was killed
                 shutil.rmtree(unfinished, ignore_errors=True)
             group = work / location
-            write_group(group, self.artifact, record.rows, shapes, chunks, constants, attributes)
-            written = {"location": location, "metadata": metadata_digests(group, self.artifact)}
-            _publish(self.directory, group, path, self.record_path, record, written, version)
-        self.refresh()
-        return path
+            write_group(group, self.artifact, record.rows, shapes, lambda number: self.rows.chunks(results[number]), constants, attributes)
+            metadata = metadata_digests(group, self.artifact)
+            self._publish(group, self.path.with_name(location), record, version, metadata=metadata)
+        self.rows.discard_all({result.name: result.key for result in results})
 
 
-class FolderOutput:
-    """A folder that a dataset stage fills: its paths and its published version, as of a shard."""
+class FolderOutput(Output):
+    """A folder that a dataset stage fills."""
 
     def __init__(self, directory: DataDirectory, name: str) -> None:
-        self.directory, self.path, self.work = directory, directory.root / name, directory.work(name)
-        self.record_path, self.lock = directory.folder_record(name), self.work / "lock"
-        self.refresh()
+        super().__init__(directory, directory.folder_record(name), directory.work(name), "lock")
 
     def refresh(self) -> None:
         """Read again what is published."""
@@ -248,35 +286,5 @@ class FolderOutput:
         """Move a finished folder to its versioned name, unless a killed run has; publish its record, return its path."""
         path, version = self.target(record), version_of(self.record_path)
         unmoved = filled if record.files.keys() <= files_below(filled).keys() else None
-        _publish(self.directory, unmoved, path, self.record_path, record, {"location": path.name}, version)
-        self.refresh()
+        self._publish(unmoved, path, record, version)
         return path
-
-
-def withdraw(record_path: Location) -> None:
-    """Remove a record, so that its group is no longer found; current readers get the grace period."""
-    if (location := named_location(record_path)) is not None:
-        mark_replaced(record_path.with_name(location))
-    remove(record_path)
-
-
-def _publish(
-    directory: DataDirectory,
-    source: Path | None,
-    path: Location,
-    record_path: Location,
-    record: Provenance,
-    fields: Mapping[str, Any],
-    version: str | None,
-) -> None:
-    """Move a group or folder, unless `source` is None, to its path, then publish its record with these fields, after validating it."""
-    record = type(record).model_validate({**dict(record), **fields})
-    if source is not None:
-        move_folder(source, path)
-    replaced = named_location(record_path)
-    if replaced not in (None, path.name):
-        mark_replaced(path.with_name(replaced))
-    if not replace_version(record_path, serialise_with_checksum(record), version):
-        raise StoreError(f"{record_path} was published by another run meanwhile; run again")
-    if isinstance(path, Path):  # object storage has no locks: there, `vt-pipeline collect-garbage` does it
-        collect(directory, path.parent)

@@ -46,7 +46,7 @@ class Shard:
 
     @property
     def has_rows(self) -> bool:
-        """Whether any object has a row; without one, arrays have size 0 or are left out."""
+        """Whether any object has a row; without one, arrays have size 0 or are missing."""
         return any(row.failure is None for row in self.record.rows)
 
     @cached_property

@@ -28,20 +28,16 @@ QUALITY_UNITS = {
     "crossing": ("faces that cross, %", 100),
 }
 """Labels of the measures of surfaces, and the factors to their units."""
-
 ACCURACY = {
     "mean distance, mm": ("mean_distance", 1e3),
     f"F-score at {1e3 * NEAR:g} mm, %": ("f_5mm", 100),
     f"F-score at {100 * NEAR_SHARE:g} % of the diagonal, %": ("f_1percent", 100),
 }
 """The metrics that need no explanation, by label, and the factors to their units."""
-
 SHARED = {"normals agree, %": ("normal_consistency", 100), "intersection over union": ("iou", 1)}
 """Further metrics that only surfaces have (of the first grasp), and only closed ones."""
-
 CHAMFER = ("chamfer", TABLE_3_FACTOR)
 """In Table 3's unit."""
-
 SAMPLING_ALONE = "what sampling alone gives"
 """Label of the Chamfer distance between two samplings of one surface, on average."""
 

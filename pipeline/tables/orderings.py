@@ -22,7 +22,6 @@ from stages.evaluate.evaluation_files import Figures, read_root
 
 MIN_OBJECTS = 6
 """Objects that a verdict needs: fewer agree by chance more than once in twenty, and give bootstrap intervals that are too short."""
-
 PREFIXES = ("", *(f"{family}-" for family in FAMILIES if family), *sorted({f"{network}-" for network, _ in ROWS.values()}))
 """Prefixes of configurations' names, by family: the claims are the same within each family."""
 
@@ -125,8 +124,11 @@ def _rings(values: Values) -> Iterator[Claim]:
                 yield Claim(text, smaller[:, in_both], larger[:, in_both], figures, same)
 
 
-def _ring(trainings: Sequence[Figures], ring: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Compute (training, object) local Chamfer distances in a ring, m², and count the (object,) touch sites with points in it."""
+def _ring(
+    trainings: Sequence[Figures],
+    ring: int,  # from 0
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:  # (training, object) m²; (object,)
+    """Compute local Chamfer distances in a ring, and count the touch sites with points in it."""
     rings = [figures.ring(ring + 1) for figures in trainings]
     return np.stack([distances for distances, _ in rings]), rings[0][1]
 

@@ -17,7 +17,7 @@ from pipeline.tables.orderings import orderings, orderings_table
 from pipeline.tables.supplement_figures import BEST_EPOCH
 from pipeline.tables.touch_tables import touch_tables
 from pipeline.tables.training_seeds import trainings_table
-from pipeline.training.loop import METRICS, read_metrics
+from pipeline.training.checkpoint import METRICS, read_metrics
 from schemas.grasps import GRASPS
 
 

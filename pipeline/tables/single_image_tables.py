@@ -43,8 +43,8 @@ def single_image_tables(folder: Path) -> Iterator[Table]:
     yield Table("The same by class: Chamfer / F1 / F1", ["", *classes, "mean of classes"], rows)
 
 
-def _table_4_figures(figures: Figures) -> NDArray[np.float64]:
-    """Join (object, view, figure) in the units of Table 4."""
+def _table_4_figures(figures: Figures) -> NDArray[np.float64]:  # (object, view, figure)
+    """Join the figures in the units of Table 4."""
     return np.stack([figures.per_case("scaled_chamfer"), 100 * figures.per_case("f1"), 100 * figures.per_case("f1_2tau")], axis=-1)
 
 

@@ -7,16 +7,13 @@ TABLE_2 = {
     "unoccluded-touch": (1.510e-5, 1.944e-5, 2.243e-5, 2.494e-5, 2.736e-5),
 }
 """Local Chamfer distance in the rings ×1 to ×5, m²."""
-
 TABLE_3 = {
     "unoccluded-touch": (0.804, 0.714, 0.689, 0.695, 0.654),
     "touch": (3.05, 1.769, 1.479, 1.296, 1.237),
 }
 """Chamfer distance with 1 to 5 grasps, in the unit of Table 3 (about 9000 times m²)."""
-
 BEST_EPOCH = {"occluded-touch": 113, "occluded": 114, "unoccluded-touch": 122, "unoccluded": 99, "touch": 90}
 """Section 3.3: the epoch whose weights were kept."""
-
 TABLE_4: dict[str, tuple[float | None, float | None, float | None]] = {
     "N3MR": (2.629, 33.80, 47.72),  # the supplement prints an F1 of 3.80
     "3D-R2N2": (1.445, 39.01, 54.62),

@@ -2,15 +2,15 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from pipeline.kernels.geometry.transforms import transform_points
-from pipeline.kernels.vision.view_transfer import background_color, carried_camera, moved_projection, transfer_view
+from pipeline.kernels.geometry.transforms import scaling_about
+from pipeline.kernels.vision.view_transfer import background_color, carried_camera, transfer_view
 from pipeline.models.observation import Observation
 from pipeline.training.settings import ReconstructionSettings, TrainingSettings
 
@@ -44,52 +44,36 @@ def vary_observation(
     return observation
 
 
-@dataclass(frozen=True)
-class Misplacement:
-    """Where a wrong estimate puts an object: points x of the world, m, are at `scale` x + `shift`."""
-
-    scale: float
-    shift: NDArray[np.float64]  # (3,) m
-
-    @property
-    def motion(self) -> NDArray[np.float64]:
-        """Make the matrix (4, 4) of this motion."""
-        return np.block([[self.scale * np.eye(3), self.shift[:, None]], [np.zeros(3), 1.0]])
-
-    def moved(self, points: NDArray[np.floating]) -> NDArray[np.float32]:
-        """Move points (…, N, 3), m."""
-        return transform_points(self.motion, points.astype(np.float64)).astype(np.float32)
-
-
 def draw_misplacement(
     deviation: float,  # of the shift along each axis, m, and of the logarithm of the scale in radii
     centre: Sequence[float],  # (3,) world, m, of the ball that objects lie in; they are scaled about it
     radius: float,  # of this ball, m
     generator: torch.Generator,
-) -> Misplacement:
-    """Draw the error of an object's estimated pose and size."""
+) -> NDArray[np.float64]:  # (4, 4) similarity, from where the object is to where it is taken to be
+    """Draw the error of an object's estimated pose and size; a turn about +z is not among the errors."""
     *shift, scale = (deviation * torch.randn(4, generator=generator, dtype=torch.float64)).tolist()
-    factor = math.exp(scale / radius)
-    return Misplacement(factor, (1 - factor) * np.array(centre) + shift)
+    motion = scaling_about(centre, math.exp(scale / radius))
+    motion[:3, 3] += shift
+    return motion
 
 
 def misplace(
     observation: Observation,  # with an image and its camera
-    place: Misplacement,
+    motion: NDArray[np.float64],  # (4, 4), from `draw_misplacement`
     centre: NDArray[np.float64],  # (3,) world, m, where the object is taken to be
 ) -> Observation:
     """Change an observation to what `predict` would make of it with a wrong estimate of the object's pose.
 
-    A turn about +z is not among the errors. The image shows `centre` where it showed the object's centre.
+    The image shows `centre` where it showed the object's centre.
     """
+    moved = observation.moved(motion)
     assert observation.image is not None
     assert observation.camera is not None
-    camera = observation.camera
-    real = moved_projection(camera, place.motion)
-    turned = carried_camera(camera, real, centre)
+    assert moved.camera is not None
+    turned = carried_camera(observation.camera, moved.camera, centre)
     rows, cols = observation.image.shape[:2]
-    image, _ = transfer_view(observation.image, real, turned, (rows, cols), background_color(observation.image))
-    return replace(observation, image=image, touch_vertices=place.moved(observation.touch_vertices), camera=turned)
+    image, _ = transfer_view(observation.image, moved.camera, turned, (rows, cols), background_color(observation.image))
+    return replace(moved, image=image, camera=turned)
 
 
 def _within_one(count: int, generator: torch.Generator) -> Tensor:

@@ -1,4 +1,4 @@
-"""Checkpoints: the state from which a killed training continues to the same weights, in one file that is written atomically."""
+"""Files of a training: the losses of its epochs, and the checkpoint from which a killed one continues to the same weights."""
 
 import json
 from collections import defaultdict
@@ -14,7 +14,10 @@ from torch import Tensor, nn
 
 from pipeline.formats.file_content import regular_stat
 from pipeline.store.atomic import write_atomically
+from pipeline.store.storage import read_bytes
 
+METRICS = "metrics.json"
+"""Losses of each epoch of a finished training."""
 FILE = ".checkpoint.safetensors"
 """Hidden, as it is no part of the model; it stays until the model is finished."""
 
@@ -76,3 +79,9 @@ def load_best(folder: Path) -> dict[str, Tensor]:
 
 def _below(part: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
     return {name.removeprefix(f"{part}/"): value for name, value in tensors.items() if name.startswith(f"{part}/")}
+
+
+def read_metrics(folder: Path) -> list[dict[str, float]]:
+    """Read the losses of each epoch of a finished training."""
+    rows: list[dict[str, float]] = json.loads(read_bytes(folder / METRICS))
+    return rows

@@ -1,7 +1,5 @@
 """The training loop of every network and device: it ends with the same weights, however often it is killed."""
 
-from __future__ import annotations
-
 import copy
 import json
 import math
@@ -12,20 +10,18 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import torch
+from lightning_fabric import Fabric
 from torch.multiprocessing.spawn import ProcessExitedException, ProcessRaisedException
 
 from pipeline.console import Meter, console_on
 from pipeline.engine.versions import processor
 from pipeline.errors import InvalidInput, StageError
 from pipeline.rng import numpy_rng, torch_generator
-from pipeline.store.digest import of_json
 from pipeline.store.record import processor_kind
-from pipeline.store.storage import read_bytes
 from pipeline.training import checkpoint
 from pipeline.training.batch_norm import share_batch_norm
 from pipeline.training.device import torch_threads
@@ -34,18 +30,14 @@ from pipeline.training.processes import (
     RESUME_HINT,
     end_children_on_interrupt,
     end_with_parent,
-    gather_strings,
     lost_peers_as_stage_error,
+    make_fabric,
 )
 from pipeline.training.settings import TrainingSettings
-
-if TYPE_CHECKING:  # importing it takes seconds, which a run that is up to date need not spend
-    from lightning_fabric import Fabric
 
 T = TypeVar("T")
 R = TypeVar("R")
 
-METRICS = "metrics.json"
 MAX_LOSS_GROWTH = 1e4
 """A loss above the first epoch's mean by this factor stops the training: no later epoch recovers from it."""
 
@@ -67,8 +59,6 @@ def train(
     """
     if not len(learner):
         raise StageError(f"{name}: there are no items to train on; take more objects, or see `vt-pipeline status` for those that failed")
-    from pipeline.training.fabric import make_fabric
-
     fabric = make_fabric(settings, folder)
     begin: Any = _begin  # Fabric's signature leaves out the arguments that it passes on
     try:
@@ -117,8 +107,6 @@ class _Training:
         wrapped: Any = fabric.setup(self.module, self.adam)
         self.network, self.optimizer = wrapped
         self.best, self.progress = checkpoint.load(folder, self.module, self.adam)  # now that they have their type and device
-        if len(set(gather_strings(fabric, of_json(asdict(self.progress))))) > 1:
-            raise StageError(f"{name}: processes read different checkpoints from {folder}: the file system shows an old one; run again")
         self.began = time.perf_counter() - self.progress.seconds
         self.steps = math.ceil(len(learner) / settings.batch_size)  # of an epoch
 
@@ -133,7 +121,7 @@ class _Training:
                 self.validate_epoch()
                 self.save()
         if fabric.is_global_zero:
-            (self.folder / METRICS).write_text(json.dumps(progress.history, indent=2, allow_nan=False))
+            (self.folder / checkpoint.METRICS).write_text(json.dumps(progress.history, indent=2, allow_nan=False))
         del self.network  # its reducer must not be the last to hold the process group, whose destructor would then deadlock
         if fabric.world_size > 1:  # otherwise its threads end with the process, and sometimes abort it
             torch.distributed.destroy_process_group()
@@ -242,12 +230,6 @@ class _Training:
         self.progress.seconds = time.perf_counter() - self.began
         if self.fabric.is_global_zero:
             checkpoint.save(self.folder, self.module, self.adam, self.best, self.progress)
-
-
-def read_metrics(folder: Path) -> list[dict[str, float]]:
-    """Read the losses of each epoch of a finished training."""
-    rows: list[dict[str, float]] = json.loads(read_bytes(folder / METRICS))
-    return rows
 
 
 def read_ahead(read: Callable[[T], R], parts: Iterable[T]) -> Iterator[tuple[T, Callable[[], R]]]:

@@ -82,7 +82,7 @@ class ReconstructionSettings(TrainingSettings):
     )
     min_grasps: int = setting(1, "fewest grasps an item is given; how many, between fewest and most, is drawn for every item", ge=1)
     max_grasps: int = setting(5, "most grasps", ge=1)
-    dropped_touches: float | None = setting(0.0, "share of an item's touch charts that is left out, drawn for each item", ge=0, lt=1)
+    dropped_touches: float | None = setting(0.0, "share of an item's touch charts that is skipped, drawn for each item", ge=0, lt=1)
     samples_per_object: int = setting(
         5, "items per object and epoch, each beginning with another grasp (a drawn one, if fewer), with or without touch as input", ge=1
     )

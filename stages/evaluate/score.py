@@ -47,7 +47,7 @@ class Files:
     def find(self, protocol: GraspProtocol, settings: ScoreSettings) -> None:
         """List the files of the test objects; an `InvalidInput` names all that are missing or cannot be scored."""
         rows, every = protocol.objects.rows, ObjectRows(protocol.job.data, ["points"], None)
-        untested = [name for name in (*every.object_ids, *every.left_out) if name not in rows.object_ids]
+        untested = [name for name in (*every.object_ids, *every.failed) if name not in rows.object_ids]
         self.files = find_files(self.folder, rows.object_ids, untested, settings.given, protocol.touched.shape[1])
 
         def truth(object_id: str) -> Any:

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.distance_field import finger_clearance, penetration_depth
-from pipeline.kernels.hand.grasp import Grasp
-from pipeline.kernels.hand.grasp_closure import closure_margin, contact_from_depth
+from pipeline.kernels.hand.grasp import Grasp, closure_margin, contact_from_depth
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.kernels.hand.self_collision import hand_gap

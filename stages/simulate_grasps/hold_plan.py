@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.transforms import compose, invert_pose
 from pipeline.kernels.hand.distance_field import finger_clearance, gel_contact, gel_probes
-from pipeline.kernels.hand.grasp_closure import measure_contact
+from pipeline.kernels.hand.grasp import measure_contact
 from pipeline.kernels.hand.grasp_ik import GraspChoices, grasp_ik
 from pipeline.kernels.hand.grid_loops import gaps
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links

@@ -16,6 +16,7 @@ from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.trade import Trade
 from pipeline.engine.unit import Unit
 from pipeline.formats.hand_file import load_hand
+from pipeline.formats.hand_listing import list_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files, sensor_names
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
@@ -129,8 +130,8 @@ class SimulateGrasps(ObjectStage):
 
     def assets(self, settings: GraspSettings) -> list[Path]:
         """List the hand file with all it names, and the sensor files."""
-        hand = load_hand(settings.hand)
-        return [*hand.files, *sensor_files(sensor_names(hand, settings.sensor))]
+        hand = list_hand(settings.hand)
+        return [*hand.files, *sensor_files([settings.sensor] if settings.sensor else hand.sensors)]
 
     def constants(self, settings: GraspSettings) -> Row:
         """Name grasps, sensors and joints, for later stages' arrays too."""

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.training.augmentation import draw_misplacement, misplace
 from pipeline.training.items import Items
 from pipeline.training.reconstruction import Batch, ReconstructionLearner
@@ -42,12 +43,12 @@ class ImplicitLearner(ReconstructionLearner):
         config = self._config
         observations, (queries, distances) = list(batch.observations), batch.targets
         for number, (observation, generator) in enumerate(zip(batch.observations, generators, strict=True)):
-            displacement = draw_misplacement(deviation, config.centre, config.radius, generator)
+            motion = draw_misplacement(deviation, config.centre, config.radius, generator)
             is_chosen = float(torch.rand((), generator=generator, dtype=torch.float64)) < MISPLACED
             if is_chosen and observation.image is not None and observation.touched.any():
-                observations[number] = misplace(observation.scaled(config.centre), displacement, np.array(config.centre))
-                queries[number] = torch.from_numpy(displacement.moved(queries[number].numpy()))
-                distances[number] *= displacement.scale
+                observations[number] = misplace(observation.scaled(config.centre), motion, np.array(config.centre))
+                queries[number] = torch.from_numpy(transform_points(motion, queries[number].double().numpy()).astype(np.float32))
+                distances[number] *= float(motion[0, 0])  # the scale
         return Batch(observations, (queries, distances), generators)
 
     def loss(self, network: Any, batch: Batch) -> Tensor:

@@ -61,7 +61,7 @@ class ImplicitSettings(ReconstructionSettings):
     dropped_grasps: float = setting(0.35, "implicit-any alone: share of items without touches, with an image or without", ge=0, le=1)
     dropped_touches: float | None = setting(
         None,
-        "share of an item's touch charts that is dropped, drawn for each item; null: a tenth for implicit-any, else none",
+        "share of an item's touch charts that is skipped, drawn for each item; null: a tenth for implicit-any, else none",
         ge=0,
         lt=1,
     )

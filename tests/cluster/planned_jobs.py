@@ -1,7 +1,5 @@
 """Jobs and submissions of the shipped cluster file, for tests."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pipeline.cluster.slurm_jobs import ClusterProfile, Job, Submission, load_cluster, plan_jobs

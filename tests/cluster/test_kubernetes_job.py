@@ -1,7 +1,5 @@
 """The Kubernetes template is valid by the API's schema, and its script uses existing options of vt-pipeline."""
 
-from __future__ import annotations
-
 import copy
 import os
 import subprocess

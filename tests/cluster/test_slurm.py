@@ -1,7 +1,5 @@
 """Slurm jobs: scripts with safely quoted arguments, and dependencies that follow the stages' inputs."""
 
-from __future__ import annotations
-
 import json
 import os
 import shlex

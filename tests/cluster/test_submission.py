@@ -1,7 +1,5 @@
 """Jobs submitted to Slurm, whose commands scripts imitate: recorded, not submitted twice, and their states."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from pathlib import Path
@@ -42,8 +40,7 @@ def imitate_sbatch(folder: Path) -> None:
 
 def states(data: Path, *asked: str) -> dict[str, tuple[str, str]]:
     folder = slurm.slurm_folder(data)
-    jobs = slurm.states_of(folder, slurm.submitted_jobs(folder))
-    return {task.task: (task.state, task.why) for job in jobs for task in job.tasks}
+    return slurm.task_states(folder, slurm.submitted_jobs(folder))
 
 
 def submit(data: Path, *stages: str) -> list[slurm.SubmittedJob]:

@@ -9,7 +9,7 @@ import trimesh
 from pipeline.cli import app
 from pipeline.console import abbreviate
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.formats.mesh_file import load_mesh
+from pipeline.formats.mesh_reader import load_mesh
 from tests.test_cli import invoke
 
 CORNERS = np.array([[0, 0, 0], [30, 0, 0], [0, 20, 0], [0, 0, 10.0]])
@@ -78,8 +78,8 @@ def test_files_that_are_not_meshes_are_reported_with_the_reason(folder: Path, tm
     (tmp_path / "elsewhere").mkdir()
     (folder / "linked").symlink_to(tmp_path / "elsewhere")
     output = run(folder, tmp_path / "d")
-    assert "left out 1 file (part.step): .step cannot be read; convert to one of .obj" in output
-    assert "left out 1 file (linked): links to folders are not followed" in output
+    assert "skipped 1 file (part.step): .step cannot be read; convert to one of .obj" in output
+    assert "skipped 1 file (linked): links to folders are not followed" in output
 
 
 def test_missing_textures_are_stored_and_reported(folder: Path, tmp_path: Path) -> None:

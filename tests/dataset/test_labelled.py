@@ -1,7 +1,5 @@
 """Artifacts in xarray: plain, through `open_artifact`, and copied to Zarr and netCDF."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Open readers of replaced and collected groups get a clear error and never zeros."""
 
-from __future__ import annotations
-
 import pickle
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Only datasets with the paper's object sizes are compared with its figures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Damaged artifacts are detected before use, reported with the command that repairs them, and made again."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Dataset stages run once, are skipped when up to date, run again when a dependency changes, and publish whole folders only."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Keys change with the code and data that decide results, and with nothing else."""
 
-from __future__ import annotations
-
 import ast
 import json
 import shutil

@@ -1,7 +1,5 @@
 """The record of libraries and processor."""
 
-from __future__ import annotations
-
 import json
 import os
 import platform

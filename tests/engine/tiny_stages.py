@@ -1,7 +1,5 @@
 """Small stages without physics for the tests of the engine."""
 
-from __future__ import annotations
-
 import ctypes
 import json
 import os

@@ -38,7 +38,7 @@ def run(monkeypatch, capsys):
 
 def test_read_with_torch_prints_shapes_and_touches(run, data):
     printed = run("read_with_torch", data, "test")
-    assert "10 grasps of 2 objects in split test; left out: none" in printed
+    assert "10 grasps of 2 objects in split test; failed: none" in printed
     assert "tactile_image (4, 100, 100, 3) torch.uint8" in printed
     assert "12 touches, nearest 5.0, 5.0" in printed
 

@@ -72,9 +72,7 @@ def transparency(number: object) -> str:
         (RED, 255),  # alpha of a diffuse colour is none
         (RED + transparent("1 1 1 0.5"), 128),
         (RED + transparent("1 1 1 1", "A_ONE") + transparency(0.25), 64),
-        (RED + transparency(0.25), 64),
         (RED + transparent("0 0 0 0.25", "A_ZERO"), 191),
-        (RED + transparent("0 0 0 1", "RGB_ZERO") + transparency(1), 255),
         (RED + transparent("0.5 0.5 0.5 1", "RGB_ZERO"), 128),
         (RED + transparent("0.2 0.2 0.2 1", "RGB_ONE"), 51),
         (RED + transparent("x") + transparency("nan"), 255),

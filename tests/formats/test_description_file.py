@@ -34,18 +34,13 @@ def test_sensor_file_is_loaded_by_path(tmp_path: Path) -> None:
         ({"wdth": 1}, "wdth"),
         ({"width": -1}, r"width: .* \(it is -1\)"),
         ({"name": "my gel"}, r"name: String should match pattern '.*' \(it is 'my gel'\)"),
-        ({"rows": 1}, "rows"),
         ({"surface": {"heights": [[0.006, 0.006], [0.006, 0.006]], "along": "x"}}, "surface: along: x is how a bulge"),
         ({"noise": "some"}, r"noise: Input should be 'none' \(it is 'some'\), or Input should be a valid number"),
         ({"membrane": None}, r"membrane: Input should be a valid number \(it is null\)"),
-        ({"photograph": "x.png"}, "photograph"),
         ({"name": "a" * 200}, r"name: .* characters\. Its entries"),
-        ({"lights": {}}, "lights"),
         ({"lights": "red"}, r"lights: it must be a mapping, {NAME: VALUE, …} \(it is 'red'\)"),
         ({"w": float("nan")}, r"w: .* \(it is nan\)"),
         ({"rows": 2**31}, "rows"),
-        ({"width": 1e300}, "width"),
-        ({"diffuse": 1e300}, "diffuse"),
     ],
 )
 def test_unusable_sensor_entry_is_named_with_its_file(tmp_path: Path, changes: dict[str, object], entry: str) -> None:

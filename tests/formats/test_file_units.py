@@ -14,7 +14,7 @@ import trimesh
 from pipeline.config.manifest import load_manifest
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import stated_units
-from pipeline.formats.mesh_file import load_mesh
+from pipeline.formats.mesh_reader import load_mesh
 from pipeline.formats.urdf_shapes import shape_of
 
 SIDES = (30.0, 20.0, 10.0)

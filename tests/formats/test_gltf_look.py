@@ -53,7 +53,6 @@ def sample(mesh: Mesh) -> NDArray[np.uint8]:
     ("mode", "opacities", "expected"),
     [
         ({}, [0, 255], [255, 255]),
-        ({"alphaMode": "OPAQUE"}, [0, 128], [255, 255]),
         ({"alphaMode": "MASK"}, [127, 128], [0, 255]),
         ({"alphaMode": "MASK", "alphaCutoff": 0.2}, [50, 51], [0, 255]),
         ({"alphaMode": "BLEND"}, [0, 100], [0, 100]),
@@ -94,7 +93,6 @@ DARK = (0, 0, 0, 1)
         (base(DARK) | {"emissiveFactor": [0.5, 0, 0], "extensions": {STRENGTH: {"emissiveStrength": 2}}}, [255, 0, 0, 255], ()),
         (base(DARK) | {"emissiveFactor": [1, 0, 0], "extensions": {"KHR_materials_unlit": {}}}, [*BLACK, 255], ()),
         (base(index=0) | {"emissiveFactor": [0, 1, 0]}, [*RED, 255], ("the light that material 0 emits is not read",)),
-        (base(index=0) | {"extensions": {"KHR_materials_unlit": {}}}, [*RED, 255], ()),
         ({"extensions": {GLOSS: {"diffuseTexture": {"index": 1}}}}, [*GREEN, 255], ()),
         ({"extensions": {GLOSS: {"diffuseFactor": [1, 0, 0, 1]}}} | base(index=1), [255, 0, 0, 255], ()),
         ({"extensions": {GLOSS: {"diffuseFactor": DARK, "specularFactor": [0, 0, 1]}}}, [0, 0, 255, 255], ()),  # a metal

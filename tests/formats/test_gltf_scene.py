@@ -131,7 +131,7 @@ def test_scene_that_is_shown_is_read_and_the_rest_is_counted(tmp_path: Path, ent
     scenes = [{"nodes": [0]}, {"nodes": [1]}, {"nodes": [2, 3]}]  # the last lists a node and its child
     mesh = document.read(tmp_path, document.box(), **({"nodes": nodes, "scenes": scenes} | entries))
     assert np.ptp(mesh.vertices[:, 0]) == pytest.approx(size)
-    lost = f"{left_out} of its nodes with a mesh are left out: they are hidden, or not in the scene that it shows"
+    lost = f"{left_out} of its nodes with a mesh are skipped: they are hidden, or not in the scene that it shows"
     assert mesh.unread == ((lost,) if left_out else ())
 
 

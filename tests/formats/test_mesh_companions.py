@@ -10,7 +10,7 @@ from PIL import Image
 from pipeline.config.sources import fingerprint
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_companions import Companions
-from pipeline.formats.mesh_file import load_mesh
+from pipeline.formats.mesh_reader import load_mesh
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl paint\nf 1/1 2/2 3/3\n"
 

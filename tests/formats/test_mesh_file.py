@@ -10,7 +10,8 @@ from PIL import EpsImagePlugin, Image
 
 from pipeline.dataset.mesh_rows import mesh_row, read_mesh
 from pipeline.errors import InvalidInput
-from pipeline.formats.mesh_file import _join, load_mesh, parse_mesh
+from pipeline.formats.mesh_file import _join, parse_mesh
+from pipeline.formats.mesh_reader import load_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.mesh_cleaning import clean_mesh
 

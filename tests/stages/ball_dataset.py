@@ -1,6 +1,10 @@
 """A data directory of balls, written by the real runner: what every stage would have made of them, in closed form, and untrained models."""
 
+import atexit
+import shutil
+import tempfile
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -234,14 +238,23 @@ def objects(count: int, splits: Sequence[str] = ("test",)) -> list[Object]:
     ]
 
 
+@cache
+def _made(count: int, splits: tuple[str, ...], ungrasped: str, shards: int) -> Path:
+    """Make a dataset in a folder that lasts as long as this process."""
+    folder = Path(tempfile.mkdtemp(prefix="balls-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    for stage in stages():
+        request: Any = Request(stage, Settings(), "balls", objects(count, splits), "draft", 0, folder, shards=shards)
+        pack(request, stage.row, ungrasped if stage.output is GRASPS else "")
+    return folder
+
+
 def make_data(data: Path, count: int, splits: Sequence[str] = ("test",), ungrasped: str = "", shards: int = 1) -> None:
     """Write every artifact of a number of balls; the rows are made here, which spares the start of five worker processes.
 
     The balls `ungrasped` fail in simulate-grasps.
     """
-    for stage in stages():
-        request: Any = Request(stage, Settings(), "balls", objects(count, splits), "draft", 0, data, shards=shards)
-        pack(request, stage.row, ungrasped if stage.output is GRASPS else "")
+    shutil.copytree(_made(count, tuple(splits), ungrasped, shards), data, dirs_exist_ok=True)
 
 
 def make_model(data: Path, name: str, *, still: bool = False, training_seed: int = 0) -> Path:

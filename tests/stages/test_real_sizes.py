@@ -16,7 +16,7 @@ from pipeline.kernels.vision.camera import project_points, projection_matrix
 from pipeline.models.families import load_reconstructor
 from pipeline.models.observation import Observation
 from pipeline.store.directory import DataDirectory
-from pipeline.training.loop import read_metrics
+from pipeline.training.checkpoint import read_metrics
 from stages.render_vision.stage import RenderVision, VisionSettings
 from tests.kernels.vision.shapes import ball
 from tests.stages import ball_dataset as spheres

@@ -107,7 +107,7 @@ def test_model_with_a_missing_or_empty_image_fails_alone_and_is_read_once_it_exi
 
     def failure() -> str:
         assert run_on(folder, tmp_path, objects, "read-renderings") == 1
-        (reason,) = ObjectRows(tmp_path, ["rendering"], None).left_out.values()
+        (reason,) = ObjectRows(tmp_path, ["rendering"], None).failed.values()
         return reason
 
     try:
@@ -118,7 +118,7 @@ def test_model_with_a_missing_or_empty_image_fails_alone_and_is_read_once_it_exi
     finally:
         image.write_bytes(content)
     assert run_on(folder, tmp_path, objects, "read-renderings") == 0
-    assert ObjectRows(tmp_path, ["rendering"], None).left_out == {}
+    assert ObjectRows(tmp_path, ["rendering"], None).failed == {}
 
 
 def test_objects_without_renderings_fail_with_the_remedy(tmp_path):

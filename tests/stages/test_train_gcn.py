@@ -17,8 +17,8 @@ from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.models.families import load_reconstructor
 from pipeline.models.observation import Observation, stack_observations
 from pipeline.rng import torch_generator
+from pipeline.training.checkpoint import read_metrics
 from pipeline.training.items import Items
-from pipeline.training.loop import read_metrics
 from pipeline.training.reconstruction import Batch
 from stages.train_gcn.learner import GcnLearner
 from stages.train_gcn.stage import GcnSettings, TrainGcn

@@ -1,7 +1,5 @@
 """Publishing replaces a folder atomically."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import tempfile

@@ -1,7 +1,5 @@
 """Rows record the kind of processor that computed them; several kinds in an artifact are marked and fail a strict check."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

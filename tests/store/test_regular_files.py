@@ -1,7 +1,5 @@
 """Sockets, devices and links to them in a dataset are never opened; each gives a clear error."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import stat

@@ -1,7 +1,5 @@
 """Rows are checked, encoded and written; groups of them are equal to those that Zarr writes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -99,13 +99,6 @@ def test_failed_installation_is_tried_again(machine):
         assert not (machine.root / ".venv").exists()
 
 
-def test_existing_environment_survives_a_failed_pip(machine):
-    machine.python("python3.11", more=PIP_FAILS)
-    subprocess.run([machine.root / "programs" / "python3.11", "-m", "venv", ".venv"], cwd=machine.root, check=True)
-    assert machine.install("project").returncode != 0
-    assert (machine.root / ".venv" / "bin" / "python").exists()
-
-
 @pytest.mark.parametrize("user", [0, 1000])
 def test_missing_system_packages_are_installed_by_root_and_named_to_other_users(user, machine):
     machine.debian("libegl1", "libgl1-mesa-dri", user=user)
@@ -117,12 +110,6 @@ def test_missing_system_packages_are_installed_by_root_and_named_to_other_users(
         assert machine.calls() == []
     else:
         assert machine.calls()[:2] == ["apt-get update -qq", f"apt-get install -y -qq --no-install-recommends {missing}"]
-
-
-def test_installed_system_packages_are_not_installed_again(machine):
-    machine.debian(*LIBRARIES.split(), user=0)
-    machine.install("project")
-    assert not [call for call in machine.calls() if call.startswith("apt-get")]
 
 
 # ---- which Python
@@ -142,12 +129,6 @@ def test_first_suitable_python_makes_the_environment(there, chosen, machine):
         machine.python(name, version)
     assert machine.install("project").returncode == 0
     assert machine.calls()[0] == f"{chosen} -m venv .venv"
-
-
-def test_python_without_ensurepip_is_skipped(machine):
-    machine.python("python3", "3.13", ensurepip="no")
-    machine.install("project")
-    assert machine.calls()[0] == "python3.11 -m venv .venv"
 
 
 @pytest.mark.parametrize("user", [0, 1000])
@@ -236,29 +217,6 @@ def test_any_other_python_installs_uv_which_makes_the_environment(name, version,
     assert machine.calls()[0] == UV_CALLS[1]  # with the uv that is there
     machine.install("remove")
     assert not (machine.root / ".venv-uv").exists()
-
-
-@pytest.mark.parametrize(
-    ("python", "archive", "package"),
-    [
-        ("3.14", {"python3": "3.14.4-1", "python3-venv": "3.14.4-1", "python3.14-venv": "3.14.4-2"}, "python3.14-venv"),
-        (None, {"python3": "3.14.4-1", "python3-venv": "3.14.4-1"}, "python3-venv"),
-    ],
-)
-@pytest.mark.parametrize("user", [0, 1000])
-def test_package_that_completes_the_python_that_installs_uv_is_installed(user, python, archive, package, without_suitable_python):
-    machine = without_suitable_python
-    if python:
-        machine.python("python3", python, ensurepip="no")
-    machine.debian(*LIBRARIES.split(), user=user, archive=archive)
-    machine.python("completed", "3.14")
-    machine.program("apt-get", 'echo "apt-get $*" >>log; cp programs/completed programs/python3')
-    done = machine.install("project")
-    if user:
-        assert f"sudo apt-get install -y {package}\n" in done.stdout
-    else:
-        assert (done.returncode, done.stderr) == (0, "")
-        assert machine.calls()[1:3] == [f"apt-get install -y -qq --no-install-recommends {package}", "python3 -m venv .venv-uv"]
 
 
 @pytest.mark.parametrize(
@@ -364,16 +322,6 @@ def test_additional_environments_extend_the_projects_environment(what, folder, m
     assert added == "a 'b'/bin/../packages\n"
     machine.install(what, venv="a 'b'")
     assert machine.calls() == []
-
-
-def test_exports_get_zarrita_by_npm_which_debian_installs_where_it_is_missing(machine):
-    machine.install("project")
-    machine.debian(*LIBRARIES.split(), user=0)
-    assert machine.install("exports").returncode != 0
-    assert "apt-get install -y -qq --no-install-recommends npm" in machine.calls()
-    machine.program("npm", 'echo "npm $*" >>log')
-    assert machine.install("exports").returncode == 0
-    assert machine.calls()[-1].startswith("npm install --silent --no-audit --no-fund --prefix .venv-exports zarrita@")
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,10 @@ import pytest
 import torch
 
 from pipeline.formats.scene_file import load_scene
+from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.vision.camera import project_points, projection_matrix
 from pipeline.models.observation import Observation
-from pipeline.training.augmentation import Misplacement, draw_misplacement, misplace, vary_image, vary_observation
+from pipeline.training.augmentation import draw_misplacement, misplace, vary_image, vary_observation
 from stages.train_gcn.stage import GcnSettings
 
 GREY = np.full((64, 64, 3), 100, np.uint8)
@@ -59,10 +60,10 @@ CENTRE, RADIUS = np.array([0.0, 0.0, 0.6]), 0.25
 
 def test_errors_of_the_place_have_the_set_deviation():
     places = [draw_misplacement(0.03, CENTRE, RADIUS, chance(seed)) for seed in range(1000)]
-    shifts = np.array([place.moved(CENTRE[None])[0] - CENTRE for place in places])
+    shifts = np.array([transform_points(place, CENTRE[None])[0] - CENTRE for place in places])
     np.testing.assert_allclose(shifts.mean(axis=0), 0, atol=4e-3)
     np.testing.assert_allclose(shifts.std(axis=0), 0.03, rtol=0.1)
-    assert np.std(np.log([place.scale for place in places])) == pytest.approx(0.03 / RADIUS, rel=0.1)
+    assert np.std(np.log([place[0, 0] for place in places])) == pytest.approx(0.03 / RADIUS, rel=0.1)
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -76,7 +77,7 @@ def test_misplaced_observation_shows_the_moved_points_with_its_camera(seed):
     seen = Observation(np.repeat(blob[..., None], 3, axis=2), np.tile(point.astype(np.float32), (1, 9, 1)), np.ones(1, bool), camera)
     wrong = misplace(seen, place, CENTRE)
     assert wrong.camera is not None
-    np.testing.assert_allclose(wrong.touch_vertices[0], np.tile(place.scale * point + place.shift, (9, 1)), atol=1e-6)
+    np.testing.assert_allclose(wrong.touch_vertices[0], np.tile(transform_points(place, point[None]), (9, 1)), atol=1e-6)
     weight = wrong.image[..., 0].astype(float)
     mean = np.array([(weight * col).sum(), (weight * row).sum()]) / weight.sum()
     np.testing.assert_allclose(mean, project_points(wrong.camera, wrong.touch_vertices[0, 0].astype(float)), atol=0.3)
@@ -85,9 +86,10 @@ def test_misplaced_observation_shows_the_moved_points_with_its_camera(seed):
 
 def test_misplaced_image_is_filled_with_the_background_although_a_hand_is_at_its_top():
     camera = projection_matrix(load_scene("supplement").camera)
-    image = np.full((256, 256, 3), 230, np.uint8)
+    image, shift = np.full((256, 256, 3), 230, np.uint8), np.eye(4)
+    shift[:2, 3] = 0.2
     image[:40, 50:200] = 70
     seen = Observation(image, np.zeros((1, 9, 3), np.float32), np.ones(1, bool), camera)
-    wrong = misplace(seen, Misplacement(1.0, np.array([0.2, 0.2, 0.0])), CENTRE)
+    wrong = misplace(seen, shift, CENTRE)
     assert (wrong.image == 230).all(axis=2).sum() > 0.8 * 256 * 256
     assert (wrong.image[-20:] == 230).all()

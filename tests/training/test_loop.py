@@ -8,7 +8,8 @@ import torch
 
 from pipeline.errors import StoreError
 from pipeline.training import checkpoint
-from pipeline.training.loop import read_ahead, read_metrics
+from pipeline.training.checkpoint import read_metrics
+from pipeline.training.loop import read_ahead
 from pipeline.training.settings import TrainingSettings
 from tests.training.regression import Regression, Scripted, fit, run, settings
 

@@ -13,8 +13,8 @@ from torch.multiprocessing.spawn import ProcessRaisedException
 
 from pipeline.errors import StageError, StoreError
 from pipeline.kernels.metrics.chamfer import chamfer
+from pipeline.training.checkpoint import read_metrics
 from pipeline.training.device import torch_threads
-from pipeline.training.loop import read_metrics
 from tests.training.regression import Batch, Regression, Scripted, fit, settings
 
 

@@ -17,7 +17,7 @@ from torch.distributed import distributed_c10d
 from pipeline.console import console_on
 from pipeline.engine.stage import DatasetJob, DatasetStage
 from pipeline.errors import StageError
-from pipeline.training.loop import read_metrics
+from pipeline.training.checkpoint import read_metrics
 from stages.train_gcn.stage import TrainGcn
 from stages.train_unet.stage import TrainUnet
 from tests.stages import ball_dataset
@@ -105,7 +105,7 @@ def test_killed_process_ends_the_training_which_resumes_to_the_same_weights(tmp_
 
 
 def test_more_devices_than_gpus_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipeline.training.fabric.device_of", torch.device)
+    monkeypatch.setattr("pipeline.training.processes.device_of", torch.device)
     monkeypatch.setattr("lightning_fabric.accelerators.cuda.num_cuda_devices", lambda: 1)
     with pytest.raises(StageError, match=r"accelerator cuda, 2 devices, 32-true: .*\[0, 1\]"):
         fit(Regression(), tmp_path, accelerator="cuda", devices=2)

@@ -13,8 +13,7 @@ from pipeline.store.directory import DataDirectory
 from schemas.catalogue import ARTIFACTS
 from schemas.presses import PRESSED
 from tools.picture_row import draw_row
-from tools.stage_pictures.cuts import cutting_plane, frame_cut, outline
-from tools.stage_pictures.subject import Subject
+from tools.stage_pictures.subject import Subject, cutting_plane, frame_cut, outline
 
 SLAB = 0.004
 """m on either side of a cut in which points are drawn."""

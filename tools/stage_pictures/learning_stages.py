@@ -15,9 +15,8 @@ from pipeline.kernels.touch.depth_maps import in_gel, local_points
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 from schemas.catalogue import ARTIFACTS
 from tools.picture_row import Panel, draw_row
-from tools.stage_pictures.cuts import cutting_plane, frame_cut, outline
 from tools.stage_pictures.data_stages import CONTACT_COLOR
-from tools.stage_pictures.subject import Subject
+from tools.stage_pictures.subject import Subject, cutting_plane, frame_cut, outline
 
 OBJECTS = 5
 """Reconstructions that are shown."""

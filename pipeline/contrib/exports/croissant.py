@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.contrib.exports.dataset_card import CITATION, COLLECTION, HUB_SPLITS, LIMITS, USES, About, Facts, meaning_of
-from pipeline.contrib.exports.grasp_frames import Column
 
 CONFORMS = ("http://mlcommons.org/croissant/1.1", "http://mlcommons.org/croissant/RAI/1.0")
 _CROISSANT_TERMS = """annotation arrayShape citeAs column containedIn equivalentProperty excludes extract field fileProperty fileObject
@@ -28,19 +27,11 @@ CONTEXT: dict[str, Any] = {
     "examples": {"@id": "cr:examples", "@type": "@json"},
 }
 """The context that the specification recommends, with a prefix for provenance."""
-
 TYPES = {"string": "sc:Text", "int64": "sc:Integer", "bool": "sc:Boolean", "float32": "sc:Float", "float64": "sc:Float"}
 
 
 def write_croissant(facts: Facts, about: About, folder: Path) -> None:
-    """Write croissant.json beside the tables `data/SPLIT.parquet` of a folder."""
-    (folder / "croissant.json").write_text(
-        json.dumps(croissant(facts, about, folder), indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
-    )
-
-
-def croissant(facts: Facts, about: About, folder: Path) -> dict[str, Any]:
-    """Describe an exported dataset: publisher, files with their SHA-256, and each column as a field with its unit.
+    """Write croissant.json beside the tables `data/SPLIT.parquet`: publisher, files with their SHA-256, and each column with its unit.
 
     Facts that only the publisher knows are omitted if `about` lacks them.
     """
@@ -73,7 +64,8 @@ def croissant(facts: Facts, about: About, folder: Path) -> dict[str, Any]:
         "distribution": [_file(folder, split) for split in facts.grasps],
         "recordSet": [_records(facts, split) for split in facts.grasps],
     }
-    return {name: value for name, value in described.items() if value not in (None, [])}
+    stated = {name: value for name, value in described.items() if value not in (None, [])}
+    (folder / "croissant.json").write_text(json.dumps(stated, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def _file(folder: Path, split: str) -> dict[str, Any]:
@@ -107,13 +99,13 @@ def _fields(facts: Facts, split: str) -> Iterator[dict[str, Any]]:
     for name, column in facts.columns.items():
         unit, meaning = meaning_of(name)
         identity = f"{HUB_SPLITS[split]}/{name}"
-        field = {
+        field: dict[str, Any] = {
             "@type": "cr:Field",
             "@id": identity,
             "name": name,
             "description": f"{meaning} Unit: {unit}.",
             "dataType": TYPES.get(column.kind, "sc:ImageObject"),
-            "source": {"fileObject": {"@id": f"{split}.parquet"}, "extract": {"column": name}} | _unpacked(column),
+            "source": {"fileObject": {"@id": f"{split}.parquet"}, "extract": {"column": name}},
             "annotation": {
                 "@type": "cr:Field",
                 "@id": f"{identity}/unit",
@@ -122,14 +114,8 @@ def _fields(facts: Facts, split: str) -> Iterator[dict[str, Any]]:
                 "value": unit,
             },
         }
-        yield field | _shape(column)
-
-
-def _unpacked(column: Column) -> dict[str, Any]:
-    return {"transform": {"jsonPath": "bytes"}} if column.kind == "image" else {}
-
-
-def _shape(column: Column) -> dict[str, Any]:
-    if column.kind == "image" or not column.shape:
-        return {}
-    return {"isArray": True, "arrayShape": ",".join(map(str, column.shape))}
+        if column.kind == "image":
+            field["source"] |= {"transform": {"jsonPath": "bytes"}}
+        elif column.shape:
+            field |= {"isArray": True, "arrayShape": ",".join(map(str, column.shape))}
+        yield field

@@ -3,8 +3,7 @@
 import datetime
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,7 +11,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from rich.markup import escape
 
 from pipeline.config.manifest import without_controls
-from pipeline.console import Table, errors
+from pipeline.console import errors
 from pipeline.contrib.exports.grasp_frames import Column, GraspFrames
 from pipeline.dataset.completed_objects import CompletedObjects
 from pipeline.dataset.touch_statistics import sensors_of, tally
@@ -32,7 +31,6 @@ SHOWN_OBJECTS = 3
 
 HUB_SPLITS = {"train": "train", "valid": "validation", "test": "test"}
 """The names that Hugging Face gives the splits."""
-
 CITATION = """@inproceedings{smith2020shape,
   title = {{3D} Shape Reconstruction from Vision and Touch},
   author = {Smith, Edward J. and Calandra, Roberto and Romero, Adriana and Gkioxari, Georgia and
@@ -42,7 +40,6 @@ CITATION = """@inproceedings{smith2020shape,
   year = {2020}
 }"""
 """The paper whose dataset this project rebuilds; cited unless the publisher names another."""
-
 COLLECTION = (
     "Simulated, without people or places: a robot hand closes on the normalised mesh of each object in a physics engine; cameras are "
     "rendered, and tactile images are computed from the depth of the object's surface in the gel."
@@ -82,39 +79,25 @@ class About(BaseModel):
     """In BibTeX; by default the paper whose dataset these rebuild."""
 
 
-@dataclass(frozen=True)
 class Facts:
-    """Facts about a data directory, for its card."""
+    """Facts about a data directory whose grasps are exported, for its card."""
 
-    name: str  # of its manifest
-    columns: Mapping[str, Column]  # the exported ones
-    objects: Mapping[str, int]  # exported, by split
-    grasps: Mapping[str, int]  # exported, by split
-    licences: Mapping[str, int]  # of the meshes, with the number of objects
-    failed: int  # objects without a row
-    origins: Mapping[str, Provenance]  # record of each artifact
-    tables: Sequence[Table]  # statistics of grasps and touches
+    def __init__(self, data: Location, frames: GraspFrames) -> None:
+        directory = DataDirectory(data)
+        collections = {name: directory.collection(ARTIFACTS[name]) for name in SHOWN}
+        self.columns = frames.columns
+        self.objects = {split: len(names) for split, names in frames.object_ids.items()}  # exported, by split
+        self.grasps = {split: count * frames.grasps for split, count in self.objects.items()}  # exported, by split
+        self.licences = _licences(directory, frames.rows.object_ids)  # of the meshes, with the number of objects
+        self.failed = len(directory.collection(GRASPS)) - len(frames.rows.object_ids)  # objects without a row
+        self.origins = {name: collection.first.record for name, collection in collections.items() if collection.shards}
+        self.name = self.origins["grasps"].manifest
+        self.tables = touch_tables(tally(data), sensors_of(data), paper=False)
 
     @property
     def total(self) -> int:
         """The number of grasps."""
         return sum(self.grasps.values())
-
-
-def facts_of(data: Location, frames: GraspFrames) -> Facts:
-    """Collect the facts for the card of a data directory whose grasps are exported."""
-    directory = DataDirectory(data)
-    origins = {name: collection.first.record for name in SHOWN if (collection := directory.collection(ARTIFACTS[name])).shards}
-    return Facts(
-        name=origins["grasps"].manifest,
-        columns=frames.columns,
-        objects={split: len(names) for split, names in frames.object_ids.items()},
-        grasps={split: len(names) * frames.grasps for split, names in frames.object_ids.items()},
-        licences=_licences(directory, frames.rows.object_ids),
-        failed=len(directory.collection(GRASPS)) - len(frames.rows.object_ids),
-        origins=origins,
-        tables=touch_tables(tally(data), sensors_of(data), paper=False),
-    )
 
 
 def _licences(directory: DataDirectory, names: Sequence[str]) -> dict[str, int]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.contrib.exports.croissant import write_croissant
-from pipeline.contrib.exports.dataset_card import About, facts_of, write_card
+from pipeline.contrib.exports.dataset_card import About, Facts, write_card
 from pipeline.contrib.exports.grasp_frames import Column, GraspFrames, png
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import read_description
@@ -29,7 +29,7 @@ def export_parquet(data: Location, folder: Path, about: Path | None = None) -> s
         }
         for split, _, rows in frames.objects():
             writers[split].write_table(table_of(rows, frames.columns))
-    facts = facts_of(data, frames)
+    facts = Facts(data, frames)
     write_card(data, facts, publisher, folder)
     write_croissant(facts, publisher, folder)
     missing = [name for name in ("url", "creators", "licence", "published") if not getattr(publisher, name)]

@@ -26,8 +26,7 @@ from pipeline.contrib.report.report_source import ReportSource
 from pipeline.dataset.touch_statistics import PAPER, Tally, has_paper_sizes, sensors_of
 from pipeline.drawing.picture_sheet import spread_evenly
 from pipeline.drawing.plots import draw_bars, draw_curves, draw_errors, draw_histogram
-from pipeline.drawing.written_files import PAGES as WRITTEN
-from pipeline.drawing.written_files import ObjectCard, Pages, read_list, refuse_links
+from pipeline.drawing.written_files import WRITTEN, ObjectCard, Pages, read_list, refuse_links
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
 from pipeline.physics.motion import REST, WITHIN

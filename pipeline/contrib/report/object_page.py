@@ -94,8 +94,13 @@ class ObjectPages:
         packed = base64.b64encode(gzip.compress(self.scenes.glb(scene), 6, mtime=0)).decode()
         (self.folder / name).write_text(f'vtMesh("{name}", "{packed}");\n')
 
-    def _grasp(self, rows: Rows, number: int, areas: NDArray[np.float64]) -> dict[str, Any]:
-        """Collect the pictures and notes of a grasp; `areas` are those of the contacts, (S,) m²."""
+    def _grasp(
+        self,
+        rows: Rows,
+        number: int,  # of the grasp
+        areas: NDArray[np.float64],  # (S,) of the contacts, m²
+    ) -> dict[str, Any]:
+        """Collect the pictures and notes of a grasp."""
         images = camera_images(rows["vision"], number) if "vision" in rows else []
         touches = touches_of(rows, number, self.scenes.hand, self.sensors)
         return {

@@ -23,7 +23,7 @@ def records(directory: DataDirectory) -> dict[str, Provenance]:
 
 
 def outside_sweeps(origins: dict[str, Provenance]) -> dict[str, Provenance]:
-    """Leave out the points of sweeps, which no other stage reads."""
+    """Skip the points of sweeps, which no other stage reads."""
     return {name: origin for name, origin in origins.items() if not name.startswith("sweeps/")}
 
 

@@ -5,7 +5,7 @@ from math import inf
 import numpy as np
 
 from pipeline.contrib.toy_objects.model import BLACK, GLAZES, GOLD, PLASTICS, STEELS, WOODS, Model, Rng, chance, pick
-from pipeline.contrib.toy_objects.solids import Material, Rows, ball, bar, column, rod, smooth, sweep, vessel
+from pipeline.contrib.toy_objects.solids import Material, Rows, ball, bar, bow, column, rod, smooth, sweep, vessel
 
 
 def dish(model: Model, rng: Rng, rows: Rows, *, wall: float = 4.0, floor: float = 8.0, edge: float = 0.0) -> Material:
@@ -128,14 +128,8 @@ def basket(model: Model, rng: Rng) -> None:
     model.add(shade, vessel(rows, 5.0, 7.0, pick(rng, *WOODS, *GLAZES), [(0.75 * high, high + 1, pick(rng, *WOODS, *PLASTICS))]))
     if chance(rng, 0.6):
         side, top = flare * u - 2, high + rng.uniform(60, 110)
-        arch = [
-            (-side, 0, high - 15),
-            (-0.85 * side, 0, 0.6 * top + 0.4 * high),
-            (0, 0, top),
-            (0.85 * side, 0, 0.6 * top + 0.4 * high),
-            (side, 0, high - 15),
-        ]
-        model.add(pick(rng, *WOODS, *PLASTICS), sweep(arch, 13, 7))
+        arch = bow([(side, high - 15), (0.85 * side, 0.6 * top + 0.4 * high), (0, top)], 13, 7)
+        model.add(pick(rng, *WOODS, *PLASTICS), arch)
 
 
 KINDS = (cereal, soup, mixing, fluted, footed, pet, plate, mortar, pan, basket)

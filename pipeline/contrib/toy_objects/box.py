@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.contrib.toy_objects.model import BLACK, GOLD, PLASTICS, RED, STEELS, WHITE, WOODS, Model, Palette, Rng, chance, pick
 from pipeline.contrib.toy_objects.pictures import label
-from pipeline.contrib.toy_objects.solids import Array, Solid, ball, block, box, column, rod, sweep, vessel
+from pipeline.contrib.toy_objects.solids import Array, Solid, ball, block, bow, box, column, rod, sweep, vessel
 
 CARDBOARD: Palette = ((176, 136, 92), (198, 160, 112), (226, 222, 210), *PLASTICS)
 
@@ -61,10 +61,7 @@ def toolbox(model: Model, rng: Rng) -> None:
     top, reach = size[2], 0.28 * size[0]
     model.add(pick(rng, *PLASTICS, *WOODS, BLACK), standing(rng, size, rng.uniform(5, 12), 5.0, printed=False))
     model.add(metal, box((size[0] + 1.5, size[1] + 1.5, 5), 12, 1.0, "z").moved(z=0.62 * top))
-    model.add(
-        pick(rng, BLACK, *STEELS),
-        sweep([(-reach, 0, top - 4), (-0.9 * reach, 0, top + 26), (0.9 * reach, 0, top + 26), (reach, 0, top - 4)], 18, 10),
-    )
+    model.add(pick(rng, BLACK, *STEELS), bow([(reach, top - 4), (0.9 * reach, top + 26)], 18, 10))
     model.add(metal, *(box((16, 6, 30), 6, 1.5).moved(x * size[0], -size[1] / 2 - 1, 0.62 * top) for x in (-0.3, 0.3)))
 
 

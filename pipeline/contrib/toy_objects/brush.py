@@ -8,7 +8,7 @@ from math import inf
 import numpy as np
 
 from pipeline.contrib.toy_objects.model import BLACK, GOLD, PLASTICS, STEELS, WHITE, WOODS, Model, Palette, Rng, chance, pick
-from pipeline.contrib.toy_objects.solids import Rows, ball, bar, box, column, rod, smooth, sweep
+from pipeline.contrib.toy_objects.solids import Rows, ball, bar, bow, box, column, rod, smooth, sweep
 
 HAIRS: Palette = ((236, 226, 200), (60, 48, 40), (140, 96, 58), WHITE, BLACK, *PLASTICS)
 
@@ -117,10 +117,7 @@ def scrubbing(model: Model, rng: Rng) -> None:
     shade = pick(rng, *WOODS, *PLASTICS)
     model.add(shade, column(smooth(rows), "x", 32))
     if chance(rng, 0.4):
-        model.add(
-            shade,
-            sweep([(6 - half, 0, deep - 6), (-0.6 * half, 0, deep + 30), (0.6 * half, 0, deep + 30), (half - 6, 0, deep - 6)], 24, 10),
-        )
+        model.add(shade, bow([(half - 6, deep - 6), (0.6 * half, deep + 30)], 24, 10))
     tufts(
         model,
         rng,

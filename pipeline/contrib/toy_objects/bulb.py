@@ -5,7 +5,7 @@ from math import inf
 import numpy as np
 
 from pipeline.contrib.toy_objects.model import BLACK, GOLD, PLASTICS, STEELS, WHITE, Model, Palette, Rng, chance, pick
-from pipeline.contrib.toy_objects.solids import Solid, ball, coil, column, rod, smooth, sweep
+from pipeline.contrib.toy_objects.solids import Solid, ball, bow, coil, column, rod, smooth, sweep
 
 GLASS: Palette = (WHITE, (250, 240, 206), (236, 236, 226), (210, 222, 226), (244, 206, 130))
 SHELL: Palette = (WHITE, (210, 210, 206), *STEELS)
@@ -110,14 +110,8 @@ def lantern(model: Model, rng: Rng) -> None:
     model.add(metal, *(rod(20, high, 2.4, "z").moved(0.85 * r * np.cos(a), 0.85 * r * np.sin(a)) for a in np.arange(4) * np.pi / 2 + 0.6))
     model.add(metal, column([(high - 2, r), (high + 3, 1.02 * r), (high + roof, 0.35 * r), (high + roof + 8, 0.3 * r)], count=36))
     top = high + roof + 4
-    ring = [
-        (-0.6 * r, 0, top - 8),
-        (-0.6 * r, 0, top + 14),
-        (0, 0, top + rng.uniform(26, 45)),
-        (0.6 * r, 0, top + 14),
-        (0.6 * r, 0, top - 8),
-    ]
-    model.add(pick(rng, *STEELS, BLACK), sweep(ring, 5, 5))
+    ring = bow([(0.6 * r, top - 8), (0.6 * r, top + 14), (0, top + rng.uniform(26, 45))], 5, 5)
+    model.add(pick(rng, *STEELS, BLACK), ring)
 
 
 def desk_lamp(model: Model, rng: Rng) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.contrib.toy_objects.model import BLACK, GOLD, PLASTICS, RED, STEELS, WHITE, Model, Rng, chance, pick
 from pipeline.contrib.toy_objects.pictures import label
-from pipeline.contrib.toy_objects.solids import Rows, Solid, ball, box, column, rod, smooth, sweep, vessel
+from pipeline.contrib.toy_objects.solids import Rows, Solid, ball, bow, box, column, rod, smooth, sweep, vessel
 
 TINS = (*STEELS, GOLD, (228, 226, 218))
 
@@ -76,14 +76,8 @@ def paint(model: Model, rng: Rng) -> None:
     rows = [(0, 0.98), (4, 1), (0.1 * high, 1), (0.9 * high, 1), (high - 6, 1.03), (high, 1.03)]
     model.add(pick(rng, *TINS, WHITE), labelled(rng, rows, 0.1 * high, 0.9 * high, (r, r, 2.0)))
     model.add(pick(rng, *TINS, *PLASTICS), column([(high - 1, 0.9 * r), (high + 3, 0.88 * r), (high + 3.5, 0.7 * r)], count=40))
-    arch = [
-        (-r - 3, 0, 0.8 * high),
-        (-0.8 * r, 0, high + 0.4 * r),
-        (0, 0, high + 0.8 * r),
-        (0.8 * r, 0, high + 0.4 * r),
-        (r + 3, 0, 0.8 * high),
-    ]
-    bail = sweep(arch, 4, 4).turned("x", drop, (0, 0, 0.8 * high))
+    arch = bow([(r + 3, 0.8 * high), (0.8 * r, high + 0.4 * r), (0, high + 0.8 * r)], 4, 4)
+    bail = arch.turned("x", drop, (0, 0, 0.8 * high))
     model.add(pick(rng, *STEELS, BLACK), bail, rod(-r - 5, r + 5, 5, "x").moved(z=0.8 * high))
 
 

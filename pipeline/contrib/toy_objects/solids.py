@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import PchipInterpolator
-from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 Rows = Sequence[Sequence[float]] | Array
@@ -40,7 +39,7 @@ class Solid:
 
     def turned(self, axis: str, angle: float, about: Sequence[float] = (0.0, 0.0, 0.0)) -> "Solid":
         """Return the solid rotated by `angle` (rad, right-handed) about the line along `axis` through `about`."""
-        return replace(self, vertices=Rotation.from_euler(axis, angle).apply(self.vertices - about) + about)
+        return replace(self, vertices=scipy.spatial.transform.Rotation.from_euler(axis, angle).apply(self.vertices - about) + about)
 
     def painted(self, material: Material, faces: NDArray[np.bool_], uv: Array | None = None) -> "Solid":
         """Return the solid with a material over some faces (F,), and with new texture coordinates (V, 2) if given."""
@@ -152,12 +151,22 @@ def sweep(points: Rows, width: float, height: float, exponent: float = 3.0) -> S
     """Loft along a smooth curve through points (N, 3): `width` along the axis in which it extends least, `height` across."""
     knots = np.array(points, float)
     length = np.cumsum([0.0, *np.sqrt((np.diff(knots, axis=0) ** 2).sum(axis=1))])
-    line = PchipInterpolator(length, knots)(np.linspace(0.0, length[-1], 5 * len(knots)))
+    line = scipy.interpolate.PchipInterpolator(length, knots)(np.linspace(0.0, length[-1], 5 * len(knots)))
     lateral = np.eye(3)[np.ptp(line, axis=0).argmin()]
     up = np.cross(np.gradient(line, axis=0), lateral)
     up /= np.sqrt((up * up).sum(axis=1, keepdims=True))
     flat = superellipse(width / 2.0, height / 2.0, exponent, 16)
     return loft(line[:, None] + flat[..., :1] * lateral + flat[..., 1:] * up[:, None])
+
+
+def bow(
+    half: Sequence[tuple[float, float]],  # (x, z) from the end at +x to the middle
+    width: float,
+    height: float,
+) -> Solid:
+    """Sweep an arch over the plane x = 0, its left half mirrored."""
+    left, right = [(-x, 0.0, z) for x, z in half], [(x, 0.0, z) for x, z in half[::-1] if x]
+    return sweep([*left, *right], width, height)
 
 
 def coil(rows: Rows, turns: float, axis: str = "z") -> Solid:
@@ -180,4 +189,4 @@ def smooth(rows: Rows, between: int = 4, at: ArrayLike = ()) -> Array:
     steps = np.interp(np.arange((len(table) - 1) * between + 1) / between, np.arange(len(table)), table[:, 0])
     inserted = np.ravel(at)
     positions = np.sort([*inserted, *(step for step in steps if (np.abs(inserted - step) > 0.5).all())])  # no slivers
-    return np.column_stack([positions, PchipInterpolator(table[:, 0], table[:, 1:])(positions)])
+    return np.column_stack([positions, scipy.interpolate.PchipInterpolator(table[:, 0], table[:, 1:])(positions)])

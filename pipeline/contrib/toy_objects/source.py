@@ -23,10 +23,10 @@ class Procedural(ModelledSource):
     """
 
     kind: Literal["procedural"]
-    count: dict[Category, Annotated[int, Field(gt=0)]] = Field(min_length=1)
-    """Of each class; more of them leave the first ones as they are."""
-    seed: int = Field(ge=0)
-    """From which their shapes are drawn."""
+    count: dict[Category, Annotated[int, Field(gt=0)]] = Field(
+        min_length=1, description="Of each class; more of them leave the first ones as they are."
+    )
+    seed: int = Field(ge=0, description="From which their shapes are drawn.")
 
     def list_objects(self, root: Path | None) -> Iterator[Object]:
         """List every variant of every category."""

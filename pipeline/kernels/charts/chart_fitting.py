@@ -69,7 +69,7 @@ class _Fit:
         count = len(cloud)
         size = min(options.cloud_points or count, count)
         order = torch.randperm(count, generator=generator).numpy() if size < count else np.arange(count)
-        self.parts = self.cloud[order][: count // size * size].reshape(-1, size, 3)  # a smaller last part is left out
+        self.parts = self.cloud[order][: count // size * size].reshape(-1, size, 3)  # a smaller last part is dropped
         self.targets = planar_grid(self.parts[0]), planar_grid(self.cloud)
         self.chart = ChartState(square.copy(), np.zeros_like(square), np.zeros_like(square), faces)
         self.near_loss = np.inf if options.cloud_points is None else NEAR_FLOORS * sampling_floor(1.0, options.cloud_points) / 2
@@ -114,11 +114,9 @@ class _Fit:
         return StopRule.cap if at_cap else None
 
     def _measure(self) -> None:
-        """Compute the RMS distance from the cloud to the chart's surface."""
         self.residual = rms_distance_to_surface(self.cloud, self.chart.vertices, self.chart.faces)
 
     def _step(self, count: int) -> None:
-        """Take this many steps, or fewer if no area is left."""
         uniform = self._draw(count, self.options.step_samples)
         losses = take_steps(self.chart, uniform, self.parts, self.targets, self.near_loss, self.steps, self.options.learning_rate)
         self.steps += len(losses)
@@ -130,7 +128,6 @@ class _Fit:
         if min(losses, default=np.inf) < self.near_loss:
             self.near_loss = np.inf  # it is near from now on
 
-    def _draw(self, steps: int, samples: int) -> Array:
-        """Draw (steps, samples, 3) numbers in [0, 1]."""
+    def _draw(self, steps: int, samples: int) -> Array:  # (steps, samples, 3) in [0, 1]
         drawn: Array = torch.rand(steps, samples, 3, generator=self.generator, dtype=torch.float64).numpy()
         return drawn

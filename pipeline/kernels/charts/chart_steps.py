@@ -37,7 +37,7 @@ def chart_area(chart: ChartState) -> float:
 def chamfer_and_gradient(
     chart: ChartState,  # with an area above 0
     uniform: Array,  # (n, 3) in [0, 1], which `map_to_surface` maps to the chart
-    cloud: Array,  # (m, 3) points whose nearest samples are found
+    cloud: Array,  # (m, 3) points whose nearest samples are searched
     target: "PlanarGrid",  # the cloud, or points that represent it, of which each sample finds the nearest
 ) -> tuple[float, Array]:  # distance, gradient (V, 3)
     """Compute the Chamfer distance between samples of a chart and a cloud, and its gradient with neighbours and samples held fixed."""
@@ -53,19 +53,19 @@ def chamfer_and_gradient(
             samples[i, axis] = weights[i, 0] * vertices[a, axis] + weights[i, 1] * vertices[b, axis] + weights[i, 2] * vertices[c, axis]
     to_cloud, to_chart = 0.0, 0.0
     pulls = np.empty((count, 3))  # the gradient of each sample
-    places = nearest_in(target, samples)
+    slots = nearest_in(target, samples)
     for i in range(count):
         for axis in range(3):
-            difference = samples[i, axis] - target.points[places[i], axis]
+            difference = samples[i, axis] - target.points[slots[i], axis]
             to_cloud += difference * difference
             pulls[i, axis] = 2 * difference / count
     sampled = planar_grid(samples)
-    places = nearest_in(sampled, cloud)
+    slots = nearest_in(sampled, cloud)
     for i in range(len(cloud)):
         for axis in range(3):
-            difference = sampled.points[places[i], axis] - cloud[i, axis]
+            difference = sampled.points[slots[i], axis] - cloud[i, axis]
             to_chart += difference * difference
-            pulls[sampled.numbers[places[i]], axis] += 2 * difference / len(cloud)
+            pulls[sampled.numbers[slots[i]], axis] += 2 * difference / len(cloud)
     gradient = np.zeros_like(vertices)
     for i in range(count):
         for corner in range(3):
@@ -93,15 +93,12 @@ def take_steps(
     chart: ChartState,  # is changed
     uniform: Array,  # (k, n, 3) in [0, 1], of each step
     parts: Array,  # (P, m, 3) parts of the cloud, which steps take in turn
-    targets: "tuple[PlanarGrid, PlanarGrid]",  # the first part, and the whole cloud
+    targets: "tuple[PlanarGrid, PlanarGrid]",  # searched by samples until a loss is below `near_loss`, and then: part, whole
     near_loss: float,  # +inf for a chart that is near already
     steps: int,  # taken before
     rate: float,  # Adam's
 ) -> Array:  # (k,) losses of the steps, or of fewer
-    """Take steps, each with other samples and points; stop before a step if no area is left.
-
-    Samples find their nearest in the first part until a loss is below `near_loss`, then in the whole cloud.
-    """
+    """Take steps, each with other samples and points; stop before a step if no area is left."""
     losses, is_near = np.empty(len(uniform)), near_loss == np.inf
     for i in range(len(uniform)):
         if not chart_area(chart) > 0:
@@ -161,7 +158,7 @@ def planar_grid(points: Array) -> PlanarGrid:
         y, top = min(y, points[i, 1]), max(top, points[i, 1])
     width, height = right - x, top - y
     side = max(np.sqrt(2 * width / count) * np.sqrt(height), 2 * max(width, height) / count)
-    if not side > 0:  # all in one place
+    if not side > 0:  # all at one position
         side = 1.0
     columns, rows = int(width / side) + 1, int(height / side) + 1
     cells, starts = np.empty(count, np.int64), np.zeros(columns * rows + 1, np.int64)
@@ -173,36 +170,33 @@ def planar_grid(points: Array) -> PlanarGrid:
     free = starts.copy()
     ordered, numbers = np.empty((count, 3)), np.empty(count, np.int64)
     for i in range(count):
-        place = free[cells[i]]
-        free[cells[i]] = place + 1
-        numbers[place] = i
+        slot = free[cells[i]]
+        free[cells[i]] = slot + 1
+        numbers[slot] = i
         for axis in range(3):
-            ordered[place, axis] = points[i, axis]
+            ordered[slot, axis] = points[i, axis]
     return PlanarGrid(ordered, numbers, starts, x, y, side, columns, rows)
 
 
 @compiled
-def nearest_in(grid: PlanarGrid, queries: Array) -> NDArray[np.int64]:
-    """Find the nearest point to each of `queries` (m, 3): (m,) places in `grid.points`; of points equally near, within rounding, any.
-
-    The nearest in the nine cells around the query bounds how far away the nearest of all may be; then all cells up to there are searched.
-    """
+def nearest_in(grid: PlanarGrid, queries: Array) -> NDArray[np.int64]:  # (m,) slots in `grid.points`
+    """Find the nearest point to each of `queries` (m, 3); the nearest of the nine cells around it bounds which cells are searched."""
     points, starts, columns, rows, side = grid.points, grid.starts, grid.columns, grid.rows, grid.side
-    places = np.empty(len(queries), np.int64)
+    slots = np.empty(len(queries), np.int64)
     for query in range(len(queries)):
         x, y, z = queries[query, 0], queries[query, 1], queries[query, 2]
         column, row = _cell(x, grid.x, side, columns), _cell(y, grid.y, side, rows)
         left, right, low, high = max(column - 1, 0), min(column + 1, columns - 1), max(row - 1, 0), min(row + 1, rows - 1)
-        place = min(starts[row * columns + column], len(points) - 1)  # any, if all nine are empty
-        least = (points[place, 0] - x) ** 2 + (points[place, 1] - y) ** 2 + (points[place, 2] - z) ** 2
-        place, least = _nearer(points, starts, columns, left, right, low, high, x, y, z, place, least)
+        slot = min(starts[row * columns + column], len(points) - 1)  # any, if all nine are empty
+        least = (points[slot, 0] - x) ** 2 + (points[slot, 1] - y) ** 2 + (points[slot, 2] - z) ** 2
+        slot, least = _nearer(points, starts, columns, left, right, low, high, x, y, z, slot, least)
         reach = np.sqrt(least)
         leftmost, rightmost = _cell(x - reach, grid.x, side, columns), _cell(x + reach, grid.x, side, columns)
         lowest, highest = _cell(y - reach, grid.y, side, rows), _cell(y + reach, grid.y, side, rows)
         if leftmost < left or rightmost > right or lowest < low or highest > high:
-            place, least = _nearer(points, starts, columns, leftmost, rightmost, lowest, highest, x, y, z, place, least)
-        places[query] = place
-    return places
+            slot, least = _nearer(points, starts, columns, leftmost, rightmost, lowest, highest, x, y, z, slot, least)
+        slots[query] = slot
+    return slots
 
 
 @compiled
@@ -214,9 +208,9 @@ def _cell(coordinate: float, start: float, side: float, cells: int) -> int:
 @compiled
 def _nearer(
     points: Array, starts: NDArray[np.int64], columns: int, left: int, right: int, low: int, high: int,
-    x: float, y: float, z: float, place: int, least: float,
+    x: float, y: float, z: float, slot: int, least: float,
 ) -> tuple[int, float]:  # fmt: skip
-    """Search a block of cells for a point nearer than that at `place`; return the nearest one's place and its squared distance.
+    """Search a block of cells for a point nearer than that at `slot`; return the nearest one's slot and its squared distance.
 
     A function of plain arrays: written out twice, or given the grid, it is compiled to half the speed.
     """
@@ -224,5 +218,5 @@ def _nearer(
         for i in range(starts[row * columns + left], starts[row * columns + right + 1]):
             squared = (points[i, 0] - x) ** 2 + (points[i, 1] - y) ** 2 + (points[i, 2] - z) ** 2
             if squared < least:
-                place, least = i, squared
-    return place, least
+                slot, least = i, squared
+    return slot, least

@@ -1,7 +1,7 @@
 """The visible surface of an object in a depth image as small charts, in the form of touch charts."""
 
 import numpy as np
-from scipy.ndimage import binary_erosion
+import scipy
 
 from pipeline.kernels.arrays import Array, Floats, Mask
 
@@ -10,7 +10,7 @@ MEASURED = 0.9  # share of a chart's pixels that must be measured, its corners a
 UNEVEN = 2e-3  # m: RMS of the depths around the chart, above which a window holds an edge of the object, or noise
 STEEP = 2.0  # slope against the image plane above which a surface is seen at too flat an angle
 CHARTS = 64  # most charts, spread evenly over the surface; five grasps make twenty touch charts
-RIM = 1  # pixels at the rim of the mask that are left out: cameras mix depths there
+RIM = 1  # pixels at the rim of the mask that are dropped: cameras mix depths there
 
 
 def visible_charts(
@@ -25,7 +25,7 @@ def visible_charts(
     The image is cut into windows that are `width` wide at the object's median depth. A quadric is fitted to the depths of each, by least
     squares: a chart is smooth where the camera's depth is noisy.
     """
-    usable = binary_erosion(mask, iterations=RIM) & np.isfinite(depth)
+    usable = scipy.ndimage.binary_erosion(mask, iterations=RIM) & np.isfinite(depth)
     if not usable.any():
         return np.zeros((0, side * side, 3))
     focal = intrinsic[[0, 1], [0, 1]]

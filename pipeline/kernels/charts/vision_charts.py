@@ -40,11 +40,8 @@ class VisionCharts:
 
 
 @lru_cache(maxsize=8)
-def vision_charts(splits: int = 1) -> VisionCharts:
-    """Make the 24 · 4^splits vision charts around the unit sphere, in radii; kept in memory and shared by all callers.
-
-    One split, the supplement's, gives 96 charts, 1824 vertices, 2304 faces and 1154 distinct positions.
-    """
+def vision_charts(splits: int = 1) -> VisionCharts:  # kept in memory and shared by all callers
+    """Make the 24 · 4^splits vision charts around the unit sphere; one split gives the supplement's 96 charts of 1824 vertices."""
     if not 0 <= splits <= MAX_SPLITS:
         raise ValueError(f"splits is {splits}, but a sphere of charts can be split 0 to {MAX_SPLITS} times")
     sphere, triangles = _tetrakis_hexahedron()
@@ -107,14 +104,12 @@ def _tetrakis_hexahedron() -> tuple[_SpherePoints, list[Triangle]]:
 
 
 def _split(triangle: Triangle, sphere: _SpherePoints) -> list[Triangle]:
-    """Divide a triangle into four at the middles of its sides."""
     a, b, c = triangle
     ab, bc, ca = sphere.middle(a, b), sphere.middle(b, c), sphere.middle(c, a)
     return [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
 
 
 def _chart_positions(triangle: Triangle, sphere: _SpherePoints) -> list[int]:
-    """List the 19 position numbers of a chart."""
     a, b, c = triangle
     boundary = [a, *sphere.quarters(a, b), b, *sphere.quarters(b, c), c, *sphere.quarters(c, a)]
     centre = _on_sphere(sphere.points[a] + sphere.points[b] + sphere.points[c])

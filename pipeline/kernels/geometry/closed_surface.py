@@ -5,10 +5,8 @@ Vertices are (V, 3) float64, finite; faces (F, 3) integers, F at least 1.
 
 import igl
 import numpy as np
+import scipy
 import trimesh
-from scipy import sparse
-from scipy.sparse.linalg import splu
-from scipy.spatial import cKDTree
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Floats, Indices, Integers, Mask
@@ -81,13 +79,13 @@ def smooth_mesh(vertices: Array, faces: Integers, rounds: int) -> Array:  # (V, 
     return vertices
 
 
-def neighbour_means(faces: Integers, count: int) -> sparse.csr_array:
+def neighbour_means(faces: Integers, count: int) -> "scipy.sparse.csr_array":
     """Make the (V, V) matrix that replaces each vertex by the mean of its neighbours; a vertex without a face stays."""
     first, second = mesh_edges(faces)[0].T
     isolated = np.setdiff1d(np.arange(count), [first, second])
     rows, columns = np.concatenate([first, second, isolated]), np.concatenate([second, first, isolated])
     degree = np.bincount(rows, minlength=count)
-    return sparse.csr_array((1 / degree[rows], (rows, columns)), shape=(count, count))
+    return scipy.sparse.csr_array((1 / degree[rows], (rows, columns)), shape=(count, count))
 
 
 def vertex_normals(vertices: Array, faces: Integers) -> Array:
@@ -126,15 +124,12 @@ SPLITS = {
 def closed_surface(
     vertices: Array,  # (V, 3) m
     faces: Integers,  # (F, 3); the surface may be crumpled, open, or cross itself
-    charts: Floats,  # (K, S, 3) touch charts in the same frame, m; K may be 0
+    charts: Floats,  # (K, S, 3) touch charts in the same frame, m; K may be 0; bulges reach those far from the surface
     chart_faces: Integers,  # (G, 3) of each chart, wound so that normals point into the object, as the sensor's do
     *,
     resolution: int = RESOLUTION,  # edges of the mesh along the longest side of the surface's box, `COARSEST` or more
 ) -> tuple[Array, Integers]:
-    """Make one closed, smooth mesh of one part, normals outwards, that passes within 0.5 mm of each vertex of the touch charts.
-
-    A bulge reaches those that were far from the surface.
-    """
+    """Make one closed, smooth mesh of one part, normals outwards, that passes within 0.5 mm of each vertex of the touch charts."""
     if resolution < COARSEST:
         raise InvalidInput(f"resolution {resolution}: thin parts vanish in so coarse a mesh; give {COARSEST} edges or more")
     used_vertices = vertices[np.unique(faces)]
@@ -174,10 +169,10 @@ def attach_points(
         return vertices, faces
     for number in range(ATTACHMENT_ROUNDS):
         for _ in range(2):  # each at most halves the edges
-            places = _nearest_facing_points(vertices, faces, points, normals, spacing)[1]
+            closest = _nearest_facing_points(vertices, faces, points, normals, spacing)[1]
             ends, _edge = mesh_edges(faces)
             is_long = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1) > 1.5 * spacing / REFINEMENT
-            is_near = cKDTree(places).query(vertices[ends].mean(axis=1))[0] < spacing
+            is_near = scipy.spatial.cKDTree(closest).query(vertices[ends].mean(axis=1))[0] < spacing
             vertices, faces = split_edges(vertices, faces, is_long & is_near)
         vertices = _displace_vertices(
             vertices, faces, points, *_nearest_facing_points(vertices, faces, points, normals, spacing), spacing, coarse=not number
@@ -188,25 +183,25 @@ def attach_points(
 def _nearest_facing_points(
     vertices: Array, faces: Integers, points: Array, normals: Array, spacing: float
 ) -> tuple[Indices, Array]:  # (N,) faces, (N, 3)
-    """Find the face that each point belongs to, and the nearest place on it."""
+    """Find the face that each point belongs to, and its closest point."""
     corners = vertices[faces]
     facing = unit_vectors(face_cross_products(corners))
     weight = NORMAL_WEIGHT * spacing / np.sqrt(2)
-    tree = cKDTree(np.concatenate([corners.mean(axis=1), weight * facing], axis=1))
+    tree = scipy.spatial.cKDTree(np.concatenate([corners.mean(axis=1), weight * facing], axis=1))
     count = min(CANDIDATES, len(faces))
     candidates = tree.query(np.concatenate([points, weight * normals], axis=1), k=count)[1].reshape(-1)  # (N count)
     repeated = np.repeat(points, count, axis=0)
-    places: Array = trimesh.triangles.closest_point(corners[candidates], repeated)  # type: ignore[no-untyped-call]
-    best = np.linalg.norm(places - repeated, axis=1).reshape(-1, count).argmin(axis=1) + count * np.arange(len(points))
-    return candidates[best], places[best]
+    closest: Array = trimesh.triangles.closest_point(corners[candidates], repeated)  # type: ignore[no-untyped-call]
+    best = np.linalg.norm(closest - repeated, axis=1).reshape(-1, count).argmin(axis=1) + count * np.arange(len(points))
+    return candidates[best], closest[best]
 
 
 def _displace_vertices(
-    vertices: Array, faces: Integers, points: Array, face: Indices, places: Array, spacing: float, *, coarse: bool
+    vertices: Array, faces: Integers, points: Array, face: Indices, closest: Array, spacing: float, *, coarse: bool
 ) -> Array:
-    """Displace the vertices around the places so that these come to the points or near them; with `coarse`, details keep their shape."""
-    offset = points - places
-    distances, nearest = cKDTree(places).query(vertices)
+    """Displace the vertices around the closest points so that these come near the points; with `coarse`, details keep their shape."""
+    offset = points - closest
+    distances, nearest = scipy.spatial.cKDTree(closest).query(vertices)
     farthest = LARGEST_SHARE * float(np.ptp(vertices, axis=0).max())
     pulled = np.minimum(FALLOFF * np.linalg.norm(offset, axis=1)[nearest], farthest)
     corners = vertices[faces[face]]
@@ -214,18 +209,18 @@ def _displace_vertices(
     facing = np.einsum("ni,ni->n", vertex_normals(vertices, faces), outwards[nearest])
     inwards = np.einsum("ni,ni->n", offset, outwards)[nearest] < 0
     movable = ((facing > 0) & (distances < REACH * spacing + pulled)) | (inwards & (distances < pulled))
-    weights = 1 / np.maximum(np.linalg.norm(corners - places[:, None], axis=2), 1e-3 * spacing)  # enough: the next round pulls again
+    weights = 1 / np.maximum(np.linalg.norm(corners - closest[:, None], axis=2), 1e-3 * spacing)  # enough: the next round pulls again
     weights /= weights.sum(axis=1, keepdims=True)
     rows = np.repeat(np.arange(len(points)), 3)
-    constraints = sparse.csr_array((weights.ravel(), (rows, faces[face].ravel())), shape=(len(points), len(vertices)))[:, movable]
-    laplacian = neighbour_means(faces, len(vertices)) - sparse.eye_array(len(vertices), format="csr")
+    constraints = scipy.sparse.csr_array((weights.ravel(), (rows, faces[face].ravel())), shape=(len(points), len(vertices)))[:, movable]
+    laplacian = neighbour_means(faces, len(vertices)) - scipy.sparse.eye_array(len(vertices), format="csr")
     bending = laplacian[:, movable]
     system = (
-        constraints.T @ constraints + STIFFNESS * bending.T @ bending + 1e-9 * sparse.eye_array(bending.shape[1])
+        constraints.T @ constraints + STIFFNESS * bending.T @ bending + 1e-9 * scipy.sparse.eye_array(bending.shape[1])
     )  # where nothing holds a part
     displaced = vertices.copy()
     shape = 0 if coarse else STIFFNESS * bending.T @ (laplacian @ vertices)
-    displaced[movable] += splu(system.tocsc()).solve(constraints.T @ offset - shape)
+    displaced[movable] += scipy.sparse.linalg.splu(system.tocsc()).solve(constraints.T @ offset - shape)
     return displaced
 
 

@@ -84,16 +84,13 @@ def spread_directions(count: int) -> Array:
 
 
 def sample_exterior(
-    mesh: Mesh,  # of any winding
+    mesh: Mesh,  # of any winding; it decides where as many rays escape on both sides
     count: int,
     rng: np.random.Generator,
     *,
     directions: int = DIRECTIONS,  # in which rays are traced
 ) -> tuple[Array, Array]:  # (count, 3) each, unit and frame of the mesh
-    """Draw points area-uniformly from the exterior surface of a mesh, with normals to the side where more rays escape.
-
-    Where both sides are equal, the winding decides.
-    """
+    """Draw points area-uniformly from the exterior surface of a mesh, with normals to the side where more rays escape."""
     if count < 1:
         raise ValueError(f"{count} points were requested; ask for 1 or more")
     triangles = mesh.triangles

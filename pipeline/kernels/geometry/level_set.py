@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import igl
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Floats, Mask
@@ -76,17 +76,17 @@ def _evaluate(values: Array, where: Mask, field: Field, low: Array, step: float)
         raise InvalidInput(f"a field is NaN or infinite at {np.count_nonzero(~np.isfinite(computed))} of {len(computed)} points of a grid")
 
 
-def _mark_cells_around(where: Mask, places: Array, step: float, radius: float) -> None:
-    """Mark the points of a grid from 0 on within a distance of places (M, 3) along each axis, and one more point on each side."""
+def _mark_cells_around(where: Mask, positions: Array, step: float, radius: float) -> None:
+    """Mark the points of a grid from 0 on within a distance of positions (M, 3) along each axis, and one more point on each side."""
     reach = int(np.ceil(radius / step)) + 1
-    for place in np.unique(np.rint(places / step).astype(np.int64), axis=0):
-        first, last = np.maximum(place - reach, 0), np.maximum(place + reach + 1, 0)
+    for position in np.unique(np.rint(positions / step).astype(np.int64), axis=0):
+        first, last = np.maximum(position - reach, 0), np.maximum(position + reach + 1, 0)
         where[tuple(map(slice, first, last))] = True
 
 
 def _leave_out_loose_pieces(values: Array, anchors: Mask) -> None:
     """Turn the negative regions positive, except the largest and those that contain an anchor."""
-    region, count = ndimage.label(values < 0)  # 0 where values are positive
+    region, count = scipy.ndimage.label(values < 0)  # 0 where values are positive
     size = np.bincount(region.ravel())
     size[0] = 0
     kept = np.bincount(region[anchors], minlength=count + 1) > 0
@@ -105,14 +105,12 @@ def _double_resolution(values: Array) -> Array:
 
 
 def _crossed_cells(values: Array) -> Mask:
-    """Mark the cells that the surface goes through."""
     inside = values < 0
     corners = np.stack([inside[at] for at in AT_CORNERS])
     return np.asarray(corners.any(axis=0) & ~corners.all(axis=0))
 
 
 def _mark_corners(cells: Mask) -> Mask:
-    """Mark the corners of cells."""
     marked = np.zeros(np.add(cells.shape, 1), bool)
     for at in AT_CORNERS:
         marked[at] |= cells
@@ -120,15 +118,14 @@ def _mark_corners(cells: Mask) -> Mask:
 
 
 def _marching_cubes(values: Array, low: Array, step: float) -> tuple[Array, NDArray[np.int64]]:
-    """Run marching cubes on the cells that the surface goes through."""
     cells = np.argwhere(_crossed_cells(values))  # (N, 3)
     if not len(cells):
         return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
     flat = np.ravel_multi_index(tuple(np.moveaxis(cells[:, None] + CELL_CORNERS, 2, 0)), values.shape)  # (N, 8)
     used, rows = np.unique(flat, return_inverse=True)
-    places = low + step * np.stack(np.unravel_index(used, values.shape), axis=1)
+    positions = low + step * np.stack(np.unravel_index(used, values.shape), axis=1)
     corner_values = values.ravel()[used]
     smallest = MIN_VALUE_SHARE * np.abs(corner_values).max()
     corner_values = np.where(corner_values < 0, np.minimum(corner_values, -smallest), np.maximum(corner_values, smallest))
-    vertices, faces, _ = igl.marching_cubes(corner_values, places, rows.reshape(flat.shape), 0.0)
+    vertices, faces, _ = igl.marching_cubes(corner_values, positions, rows.reshape(flat.shape), 0.0)
     return vertices, faces

@@ -13,11 +13,8 @@ SLIVER_FLATNESS = 3e-6  # of a face that is replaced by its longest edge, off by
 SMALLEST = 1e-100  # coordinates that are all smaller, and not 0, are refused: their products vanish in float64
 
 
-def check_coordinates(points: Floats, name: str) -> None:
-    """Refuse points (N, 3), any unit, that are NaN, beyond `FARTHEST` along an axis, or all nearer to the origin than `SMALLEST`.
-
-    `name` is for messages, in the plural.
-    """
+def check_coordinates(points: Floats, name: str) -> None:  # name: of the points in messages, in the plural
+    """Refuse points (N, 3), any unit, that are NaN, beyond `FARTHEST` along an axis, or all nearer to the origin than `SMALLEST`."""
     if not points.size:
         return
     largest = max(-points.min(), points.max())  # NaN where there is one
@@ -92,11 +89,8 @@ class Mesh:
         return self.vertices[self.faces]
 
 
-def face_cross_products(triangles: Array) -> Array:
-    """Compute the cross products (F, 3) of two edges of faces (F, 3, 3): along the winding normal, twice the face's area long.
-
-    The error is at most 4 units in the last place of the product of the two edges' lengths.
-    """
+def face_cross_products(triangles: Array) -> Array:  # to 4 units in the last place of the product of two edges' lengths
+    """Compute the cross products (F, 3) of two edges of faces (F, 3, 3): along the winding normal, twice the face's area long."""
     return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
 
 

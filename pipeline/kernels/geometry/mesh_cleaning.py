@@ -69,7 +69,7 @@ def group_by_position(position: Integers) -> list[Indices]:
 
 def _keep_faces(mesh: Mesh, keep: NDArray[Any]) -> Mesh:
     """Keep these faces and the vertices they use, in the order of their use: readers of files number them by an unstable sort."""
-    from trimesh.grouping import unique_ordered  # takes a second, which readers of settings save
+    from trimesh.grouping import unique_ordered  # takes half a second
 
     used, faces = unique_ordered(mesh.faces[keep].ravel(), return_inverse=True)
     colors = None if mesh.look.vertex_color is None else mesh.look.vertex_color[used]

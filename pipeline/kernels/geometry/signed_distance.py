@@ -54,10 +54,7 @@ def _consistently_wound(vertices: Array, faces: NDArray[np.int64]) -> NDArray[np
 
 
 def _turn_inverted_parts(vertices: Array, faces: NDArray[np.int64], positions: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Turn over closed parts that are inside out where most of the volume is not, or the reverse, unless they are cavities.
-
-    Where two parts overlap that are wound differently, their winding numbers would cancel.
-    """
+    """Turn over closed parts wound against most of the volume, whose winding numbers would cancel, unless they are cavities."""
     count, part = igl.facet_components(positions)
     if count == 1:
         return faces
@@ -80,11 +77,8 @@ def _are_closed(faces: NDArray[np.int64], part: NDArray[np.int64]) -> Mask:
     return np.asarray(np.bincount(np.repeat(part, 3), faces_of_edge[edges.reshape(-1)] % 2) == 0)
 
 
-def rms_distance_to_surface(points: Array, vertices: Array, faces: Integers) -> float:
-    """Compute the root of the mean squared distance from points (N, 3) to the nearest of faces, which may be slivers or points.
-
-    A distance errs by 1e-13 of the largest coordinate, beside slivers by 4e-6 of their length.
-    """
+def rms_distance_to_surface(points: Array, vertices: Array, faces: Integers) -> float:  # as accurate as `signed_distances`
+    """Compute the root of the mean squared distance from points (N, 3) to the nearest of faces, which may be slivers or points."""
     if not len(points) or not len(faces):
         raise InvalidInput(f"{len(points)} points and {len(faces)} faces: a distance needs at least one of each")
     check_coordinates(points, "points")
@@ -104,15 +98,11 @@ def sample_around_surface(
     count: int,
     rng: np.random.Generator,
     *,
-    near: float,  # share of the points near the surface
-    spread: tuple[float, float],  # least and largest standard deviation, m
+    near: float,  # share of the points near the surface: its points, moved along each axis by normal deviates
+    spread: tuple[float, float],  # least and largest standard deviation, m; each point's is uniform in its logarithm
     reach: float,  # half the side of the cube around the middle of the surface's bounding box, m
 ) -> Array:  # (count, 3) m
-    """Draw points in space, in random order: a share near a surface, the others throughout the cube around it.
-
-    Points near the surface are points of it, moved along each axis by normal deviates of one standard deviation; each point's is between
-    those of `spread`, uniform in its logarithm.
-    """
+    """Draw points in space, in random order: a share near a surface, the others throughout the cube around it."""
     near_count = round(near * count)
     low, high = np.log(spread).tolist()
     deviation = np.exp(rng.uniform(low, high, (near_count, 1)))

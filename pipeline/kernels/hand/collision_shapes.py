@@ -5,9 +5,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import trimesh
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial import ConvexHull, QhullError
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Indices
@@ -22,10 +21,9 @@ MAX_LATTICE = 2_000_000  # points of the lattice in a shape: at 3 mm a cube of 0
 
 @dataclass(frozen=True, eq=False)
 class CollisionSpheres:
-    """Spheres inside the rigid links that together reach their surfaces, grouped by link.
+    """Spheres inside the rigid links that together reach their surfaces, grouped by link, for distances to an object.
 
-    The distance of a link from an object is the least, over its spheres, of the object's distance from the centre less the radius. That
-    finds parts of the object inside a link as well as points of the link inside the object.
+    By their centres less the radii, parts of the object inside a link are found as well as points of the link inside the object.
     """
 
     centres: Array  # (B, 3) in the frame of the link, m
@@ -69,8 +67,8 @@ def collision_spheres(
     for number, link in enumerate(hand.links):
         for shape in link.collisions:
             try:
-                hull = ConvexHull(shape.mesh.vertices)
-            except (QhullError, ValueError) as error:
+                hull = scipy.spatial.ConvexHull(shape.mesh.vertices)
+            except (scipy.spatial.QhullError, ValueError) as error:
                 shape_name = shape.path or f"{shape.kind} of size {shape.size}"
                 fault = f"collision shape {shape_name} of link {link.name} is flat or not finite"
                 raise InvalidInput(f"{hand.urdf}: {fault}; give it a thickness, or put a box in its place") from error
@@ -110,8 +108,10 @@ def _transform_centres(frames: Array, centres: Array, link: Indices, points: Arr
                 points[axis, n, b] = (row[0] * x + row[1] * y) + (row[2] * z + row[3])
 
 
-def _fill(hull: ConvexHull, spacing: float) -> tuple[Array, Array]:
+def _fill(hull: "scipy.spatial.ConvexHull", spacing: float) -> tuple[Array, Array]:
     """Make points (N, 3) in and on a convex hull, and their depth (N,) below its surface."""
+    from trimesh.remesh import subdivide_to_size  # takes half a second
+
     normals, offsets = hull.equations[:, :3], hull.equations[:, 3]
     low, high = hull.points.min(axis=0), hull.points.max(axis=0)
     counts = np.ceil((high - low) / spacing).astype(int)
@@ -119,7 +119,7 @@ def _fill(hull: ConvexHull, spacing: float) -> tuple[Array, Array]:
     lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     blocks = np.array_split(lattice, 1 + len(lattice) * len(offsets) // BLOCK)
     depth = np.concatenate([-(np.einsum("pc,cf->pf", block, np.ascontiguousarray(normals.T)) + offsets).max(axis=1) for block in blocks])
-    subdivide: Any = trimesh.remesh.subdivide_to_size
+    subdivide: Any = subdivide_to_size
     surface, _ = subdivide(hull.points, hull.simplices, max_edge=spacing)
     surface = np.unique(np.round(surface, 9), axis=0)  # faces are split one by one: points on common edges repeat
     return np.concatenate([lattice[depth > 0], surface]), np.concatenate([depth[depth > 0], np.zeros(len(surface))])

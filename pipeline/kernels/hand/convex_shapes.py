@@ -13,9 +13,8 @@ from typing import Any
 
 import igl
 import numpy as np
-import trimesh
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh, mesh_edges, without_slivers
@@ -75,13 +74,13 @@ def _slab_points(mesh: Mesh, count: int) -> list[Array]:
     ]
 
 
-def _crossings(edges: Array, axis: int, place: float) -> Array:
+def _crossings(edges: Array, axis: int, height: float) -> Array:
     """Compute where edges (E, 2, 3) cross a plane across an axis."""
-    above = edges[:, :, axis] > place
+    above = edges[:, :, axis] > height
     first, second = np.moveaxis(edges[above[:, 0] != above[:, 1]], 1, 0)
-    share = (place - first[:, axis]) / (second[:, axis] - first[:, axis])
+    share = (height - first[:, axis]) / (second[:, axis] - first[:, axis])
     points: Array = first + share[:, None] * (second - first)
-    points[:, axis] = place
+    points[:, axis] = height
     return points
 
 
@@ -89,7 +88,7 @@ def _hull(points: Array) -> Mesh | None:
     """Compute a convex hull of at most `MAX_FACES` faces; None where the points are flat."""
     try:
         hull = _exact_hull(points)
-    except (QhullError, ValueError):  # such as where a plane face lies in the cut
+    except (scipy.spatial.QhullError, ValueError):  # such as where a plane face lies in the cut
         return None
     corners, tolerance = hull.vertices, TOLERANCE
     while len(hull.faces) > MAX_FACES:
@@ -101,7 +100,8 @@ def _hull(points: Array) -> Mesh | None:
 def _hull_within(corners: Array, tolerance: float) -> Mesh:
     """Compute the hull of some corners (N, 3) of a convex body, outside of which no other corner is farther than `tolerance`."""
     kept = np.zeros(len(corners), bool)
-    kept[ConvexHull(corners, qhull_options=f"Qt W{tolerance:.17g}").vertices] = True  # W: what is nearer to a facet's plane is left out
+    hull = scipy.spatial.ConvexHull(corners, qhull_options=f"Qt W{tolerance:.17g}")  # W: what is nearer to a facet's plane is dropped
+    kept[hull.vertices] = True
     while True:
         hull = _exact_hull(corners[kept])
         distances, facets = _nearest(corners, hull)
@@ -113,7 +113,7 @@ def _hull_within(corners: Array, tolerance: float) -> Mesh:
 
 
 def _exact_hull(points: Array) -> Mesh:
-    hull = ConvexHull(points)
+    hull = scipy.spatial.ConvexHull(points)
     return Mesh.bare(points[hull.vertices], np.searchsorted(hull.vertices, hull.simplices))
 
 
@@ -125,16 +125,18 @@ def _nearest(points: Array, mesh: Mesh) -> tuple[Array, NDArray[np.int64]]:
 
 def convex_error(link: Link, convex: Link) -> ConvexError:
     """Measure the differences between a link's meshes as read, one at least, and the shapes of `with_convex_shapes`."""
+    from trimesh.remesh import subdivide_to_size  # takes half a second
+
     meshes = [shape.mesh for shape in link.collisions if shape.kind == "mesh"]
     convex_meshes = [shape.mesh for shape in convex.collisions if shape.kind == "mesh"]
-    hulls = [ConvexHull(mesh.vertices) for mesh in convex_meshes]
+    hulls = [scipy.spatial.ConvexHull(mesh.vertices) for mesh in convex_meshes]
     corners = np.concatenate([mesh.vertices[np.unique(mesh.faces)] for mesh in meshes])
     if len(hulls) == 1:  # the distance from a convex body is greatest at a corner of the rest's hull
-        corners = corners[ConvexHull(corners).vertices]
+        corners = corners[scipy.spatial.ConvexHull(corners).vertices]
     lost = np.min([_outside(corners, hull) for hull in hulls], axis=0).max()
     filled = 0.0
     for number, hull in enumerate(hulls):
-        subdivide: Any = trimesh.remesh.subdivide_to_size
+        subdivide: Any = subdivide_to_size
         points = subdivide(hull.points, hull.simplices, max_edge=SAMPLE_SPACING)[0]
         points = points[np.unique(np.round(points / SAMPLE_SPACING), axis=0, return_index=True)[1]]  # one for each small cube
         for other_hull in (*hulls[:number], *hulls[number + 1 :]):
@@ -144,7 +146,7 @@ def convex_error(link: Link, convex: Link) -> ConvexError:
     return ConvexError(sum(len(mesh.faces) for mesh in meshes), sum(len(mesh.faces) for mesh in convex_meshes), float(lost), filled)
 
 
-def _outside(points: Array, hull: ConvexHull) -> Array:
+def _outside(points: Array, hull: scipy.spatial.ConvexHull) -> Array:
     """Compute the distances (N,) of points (N, 3) from a convex body, 0 inside, m."""
     distance = np.zeros(len(points))
     blocks = np.array_split(np.arange(len(points)), 1 + len(points) * len(hull.equations) // BLOCK)
@@ -154,11 +156,8 @@ def _outside(points: Array, hull: ConvexHull) -> Array:
     return distance
 
 
-def buried_gels(hand: Hand, sensors: Sequence[Sensor]) -> Iterator[tuple[bool, str]]:
-    """Describe the sensors of a hand whose plane lies below their link's surface.
-
-    Yield whether all of the gel does, in its middle, and a sentence with the remedy.
-    """
+def buried_gels(hand: Hand, sensors: Sequence[Sensor]) -> Iterator[tuple[bool, str]]:  # whether all of the gel lies below
+    """Describe the sensors of a hand whose plane lies below their link's surface, each with the remedy."""
     for mount, sensor in zip(hand.sensors, sensors, strict=True):
         link, (origin, normal), top = hand.links[mount.link], (mount.pose[:3, 3], mount.pose[:3, 2]), gel_top(sensor)
         depth = depth_in_link(link, origin, normal, ahead=top)
@@ -182,8 +181,8 @@ def depth_in_link(link: Link, point: Array, direction: Array, *, ahead: float) -
     spans = []
     for shape in link.collisions:
         try:
-            normals, offsets = np.split(ConvexHull(shape.mesh.vertices).equations, [3], axis=1)
-        except (QhullError, ValueError):  # it is flat or not finite, and reported elsewhere
+            normals, offsets = np.split(scipy.spatial.ConvexHull(shape.mesh.vertices).equations, [3], axis=1)
+        except (scipy.spatial.QhullError, ValueError):  # it is flat or not finite, and reported elsewhere
             continue
         slope, height = normals @ direction, normals @ point + offsets[:, 0]  # (F,), the latter positive outside
         leaving, entering = slope > 1e-9, slope < -1e-9

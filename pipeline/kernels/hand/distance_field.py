@@ -6,8 +6,8 @@ from typing import Any
 
 import igl
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Array32, Indices, Integers, Mask
@@ -76,10 +76,7 @@ class DistanceField:
         return distance
 
     def _is_inside(self, closest: Array, direction: Array, distance: Array) -> Mask:  # (N,)
-        """Decide which points are inside: walk away from the surface until the grid knows the side.
-
-        They lie at a distance (N,) from their closest points of the surface (N, 3), in a direction (N, 3).
-        """
+        """Decide which points are inside, going on (N, 3) from their closest points (N, 3), until the grid knows the side."""
         inside = np.zeros(len(closest), bool)  # what stays undecided lies in a narrow gap or a thin part: outside
         undecided = np.arange(len(closest))
         for _ in range(MAX_STEPS):
@@ -124,7 +121,7 @@ def build_distance_field(
 
     # Between neighbouring centres with a surface between them, one is at most half a cell from it: no path leaks through.
     is_open = distance > cell / 2 * (1 + 1e-6)
-    components = ndimage.label(is_open)[0]
+    components = scipy.ndimage.label(is_open)[0]
     inside = np.where(is_open, (components != components[0, 0, 0]).astype(np.int8), np.int8(-1))
     records = np.zeros((*distance.shape, 4), np.float32)
     field = DistanceField(vertices, faces, tree, low + cell / 2, cell, records, inside)
@@ -149,7 +146,6 @@ def _grid_layout(extent: Array, cell: float, band: float) -> tuple[float, float,
 
 
 def _per_cell(values: NDArray[Any]) -> NDArray[Any]:
-    """Repeat the values (X, Y, Z) of blocks for each of their cells."""
     for axis in range(3):
         values = np.repeat(values, BLOCK, axis=axis)
     return values

@@ -12,8 +12,8 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Array32, Indices, Mask
@@ -58,7 +58,7 @@ def sample_postures(hand: Hand, boxes: CollisionBoxes, *, samples: int, gap: flo
     angles = np.empty((samples, len(hand.joint_names)))
     for finger in hand.fingers:
         joints = list(finger.joints)
-        unit = qmc.Sobol(len(joints), scramble=False).random_base2(int(np.ceil(np.log2(samples))))[:samples]
+        unit = scipy.stats.qmc.Sobol(len(joints), scramble=False).random_base2(int(np.ceil(np.log2(samples))))[:samples]
         margin = limit_margin(hand)[joints]
         low, high = hand.lower[joints] + margin, hand.upper[joints] - margin
         angles[:, joints] = low + unit * (high - low)
@@ -97,8 +97,7 @@ def blocked_fingers(hand: Hand, boxes: CollisionBoxes, postures: PostureSamples,
     return sentences
 
 
-def _between(hand: Hand, overlaps: list[LinkOverlap], *fingers: set[int]) -> list[LinkOverlap]:
-    """Select the overlaps between links of these fingers; -1 is the palm."""
+def _between(hand: Hand, overlaps: list[LinkOverlap], *fingers: set[int]) -> list[LinkOverlap]:  # -1 is the palm
     return [overlap for overlap in overlaps if {int(hand.link_fingers[link]) for link in (overlap.first, overlap.second)} in fingers]
 
 

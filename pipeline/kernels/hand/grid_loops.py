@@ -137,10 +137,10 @@ def measure_best(
             value[n] = contact[n] - LACK_WEIGHT * (max(clearance - gap, np.float32(0)) / MILLIMETRE)
             is_clear[n] = gap >= clearance
             clear_count += int(gap >= clearance)
-            place = best
-            while place > 0 and top[place - 1] < value[n]:
-                top[place] = top[place - 1]
-                place -= 1
+            rank = best
+            while rank > 0 and top[rank - 1] < value[n]:
+                top[rank] = top[rank - 1]
+                rank -= 1
             if best:
-                top[place] = value[n]
+                top[rank] = value[n]
     return value, is_clear

@@ -56,12 +56,9 @@ def best_supporting_grasp(
     normals: Array,  # (N, C, 3)
     touching: Mask,  # (N, C)
     friction: float,
-    best: Support,  # the support to surpass; any grasp surpasses `NO_SUPPORT`
-) -> tuple[int, Support]:
-    """Find the grasp that supports an object best, and its support: least steps of the residual, most touches, then the first.
-
-    It is -1 and `best` where none surpasses it.
-    """
+    best: Support,  # to surpass; any grasp surpasses `NO_SUPPORT`
+) -> tuple[int, Support]:  # its number, -1 where none surpasses `best`
+    """Find the grasp that supports an object best, and its support: least steps of the residual, most touches, then the first."""
     number, steps, best_touches = -1, best.steps, best.touches
     for n in range(len(points)):
         touches = int(touching[n].sum())
@@ -74,8 +71,7 @@ def best_supporting_grasp(
 
 
 @compiled
-def _columns(points: Array, normals: Array, touching: Mask, friction: float) -> Array:
-    """Compute the wrenches (M, 6) of all existing contacts."""
+def _columns(points: Array, normals: Array, touching: Mask, friction: float) -> Array:  # (M, 6) wrenches of contacts that exist
     columns = np.empty((len(points) * (len(HEXAGON) + 2), 6))
     count = 0
     for c in range(len(points)):

@@ -92,7 +92,7 @@ class Mount:
     name: str  # as the hand file calls it: by default, as the finger that it is on
     link: int  # number of the link that carries it
     pose: Array  # (4, 4) sensor frame in the link's frame
-    sensor: str  # name of a shipped sensor, or absolute path of a sensor file
+    sensor: str  # name of an included sensor, or absolute path of a sensor file
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,17 +43,14 @@ class AntipodalPoints:
 
 def antipodal_points(
     field: DistanceField,
-    points: Array,  # (N, 3) on the surface, world, m
+    points: Array,  # (N, 3) on the surface, world, m: where rays start, each of which may give pairs
     normals: Array,  # (N, 3) unit, outward
     *,
     friction: float,  # coefficient between finger and object
     widest: float,  # m, greatest distance between two points
     rng: np.random.Generator,
 ) -> AntipodalPoints:
-    """Find pairs of points on an object whose normals oppose each other within the friction cone (Chen and Burdick, 1993).
-
-    Rays start from random surface points; each place where one leaves the object may give a pair. There may be none.
-    """
+    """Find pairs of points on an object whose normals oppose each other within the friction cone (Chen and Burdick, 1993)."""
     start = rng.integers(len(points), size=RAYS)
     origin, outward = points[start], normals[start]
     direction = unit_vectors(-outward + TILT * rng.standard_normal((RAYS, 3)))
@@ -71,10 +68,7 @@ def antipodal_points(
 
 
 def central_weights(pairs: AntipodalPoints, centre: Array, *, spread: float) -> Array:  # (P,), with sum 1
-    """Weigh pairs by their nearness to a centre of mass (3,): gravity turns an object less if it is held there.
-
-    The weight is a quarter at `spread`, m, beyond the distance of the nearest pairs from the centre.
-    """
+    """Weigh pairs by their nearness to a centre of mass (3,): a quarter at `spread`, m, beyond the nearest; gravity turns them less."""
     away = length(pairs.centre - centre)
     excess = np.maximum(away - np.quantile(away, 0.05), 0)  # the object may be hollow at its centre
     weights = (1 + (excess / spread) ** 2) ** -2

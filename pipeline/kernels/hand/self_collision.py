@@ -145,10 +145,7 @@ def choose_postures(
     values: Array,  # (O, F) of every finger's posture in every option; -inf for one that may not be taken
     gap: float,  # m, least gap between boxes of different fingers
 ) -> Indices:  # (N, F) option taken for each finger, best choice first; N is 0 when none keeps them apart
-    """Choose one posture per finger, of greatest total value, so that all fingers keep a gap from each other.
-
-    Options of different fingers mix freely: a beam search over fingers in their order, `BEAM_WIDTH` partial choices wide.
-    """
+    """Choose one posture per finger, of greatest total value, so that all fingers keep a gap: a beam search over fingers."""
     options = len(frames)
     conflicts = finger_conflicts(hand, boxes, frames, gap)
     picks = np.empty((1, 0), np.intp)
@@ -182,10 +179,7 @@ def rigid_bodies(hand: Hand) -> Indices:
 
 
 def meeting_links(hand: Hand) -> Mask:
-    """Mark the pairs of links that can meet, (L, L), the one nearer the root first.
-
-    Links that a joint joins touch by construction; links that no finger moves, or that are one body, never meet.
-    """
+    """Mark the pairs of links that can meet, (L, L), the one nearer the root first: not neighbours, one body, or all without finger."""
     meet = np.maximum.outer(hand.link_fingers, hand.link_fingers) >= 0
     meet[[joint.parent for joint in hand.joints], [joint.child for joint in hand.joints]] = False
     bodies = rigid_bodies(hand)
@@ -238,10 +232,7 @@ def frequent_overlaps(hand: Hand, boxes: CollisionBoxes, frames: Array, gap: flo
 
 
 def remedy(hand: Hand, overlap: LinkOverlap) -> str:
-    """Name the entry of the hand file that ends an overlap.
-
-    It is `convex_parts` of links whose mesh is one convex shape, which fills its hollows; if there are none, `allowed_contacts`.
-    """
+    """Name the entry of the hand file that ends an overlap: `convex_parts` of links of one mesh, whose hollows it fills, if any."""
     links = [hand.links[overlap.first], hand.links[overlap.second]]
     entries = [f"{link.name}: 8" for link in links if sum(shape.kind == "mesh" for shape in link.collisions) == 1]
     return f"`convex_parts: {{{', '.join(entries)}}}`" if entries else f"`allowed_contacts: [[{links[0].name}, {links[1].name}]]`"

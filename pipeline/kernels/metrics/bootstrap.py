@@ -46,8 +46,7 @@ def difference_interval(first: Array, second: Array, rng: np.random.Generator, *
     return _interval(float(first.mean() - second.mean()), first.shape[1], parts, rng)
 
 
-def _checked(values: Array) -> Array:
-    """Check values, and return them as (S, N)."""
+def _checked(values: Array) -> Array:  # (S, N)
     checked = np.asarray(values, np.float64)
     if checked.ndim not in (1, 2) or not checked.size or not np.isfinite(checked).all():
         raise ValueError(f"values of shape {checked.shape}: a mean needs finite values, one per object (and training), and one at least")

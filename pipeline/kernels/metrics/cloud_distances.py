@@ -6,8 +6,8 @@ Clouds are finite, (N, 3), N >= 1, in m; squared distances err by less than 1e-1
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Floats, check_shape
@@ -20,7 +20,7 @@ MAX_NEIGHBOURS = 16  # nearest points among which one on the same side of a surf
 def nearest_squared(query: Floats, points: Floats) -> Array:
     """Compute the squared distance, (N,) m², from each query point (N, 3) to the nearest of `points` (M, 3)."""
     query, points = checked_cloud("query", query), checked_cloud("points", points)
-    nearest = cKDTree(points).query(query)[1]
+    nearest = scipy.spatial.cKDTree(points).query(query)[1]
     return np.asarray(np.square(query - points[nearest]).sum(axis=1))
 
 
@@ -95,7 +95,9 @@ def sampled_area(
     points = checked_cloud("points", points)
     if len(points) < 2:
         raise ValueError(f"{len(points)} points are too few to estimate an area; give at least 2")
-    distances, neighbours = cKDTree(points).query(points, k=2 if normals is None else [*range(2, 2 + min(MAX_NEIGHBOURS, len(points) - 1))])
+    distances, neighbours = scipy.spatial.cKDTree(points).query(
+        points, k=2 if normals is None else [*range(2, 2 + min(MAX_NEIGHBOURS, len(points) - 1))]
+    )
     if normals is None:
         nearest = distances[:, 1]
     else:

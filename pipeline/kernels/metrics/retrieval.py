@@ -5,7 +5,7 @@ from functools import cached_property
 from heapq import heappop, heappush
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from pipeline.kernels.arrays import Array, Array32, Floats, Indices, Mask
 
@@ -13,7 +13,7 @@ COARSE = (32, 256)  # points by which clouds are compared, level by level, befor
 ROUNDING = 1 - 1e-9  # factor that keeps a bound below its distance despite rounding
 
 
-def mean_squared_distance(tree: cKDTree, points: Floats) -> float:
+def mean_squared_distance(tree: "scipy.spatial.cKDTree", points: Floats) -> float:
     """Compute the mean squared distance from points (N, 3) to the nearest of a tree's, in the square of their unit."""
     return float(np.square(tree.query(points)[0]).mean())
 
@@ -25,9 +25,9 @@ class RetrievalCloud:
         self.points = points
 
     @cached_property
-    def tree(self) -> cKDTree:
+    def tree(self) -> "scipy.spatial.cKDTree":
         """The search tree of the points."""
-        return cKDTree(self.points)
+        return scipy.spatial.cKDTree(self.points)
 
     @cached_property
     def coarse(self) -> tuple[tuple[Floats, Indices, Array], ...]:
@@ -35,15 +35,12 @@ class RetrievalCloud:
         levels = []
         for count in COARSE:
             points = self.points[np.linspace(0, len(self.points) - 1, min(count, len(self.points))).astype(int)]
-            distances, nearest = cKDTree(points).query(self.points)
+            distances, nearest = scipy.spatial.cKDTree(points).query(self.points)
             levels.append((points, nearest, distances))
         return tuple(levels)
 
     def bound(self, target: "RetrievalCloud", level: int) -> float:
-        """Compute a lower bound of the mean squared distance to the nearest points of `target`; at the last level, the distance itself.
-
-        Triangle inequality: a point r away from a coarse point is at most r nearer to the target than that.
-        """
+        """Compute a lower bound of the mean squared distance to `target`, by the triangle inequality; at the last level, itself."""
         if level == len(COARSE):
             return mean_squared_distance(target.tree, self.points)
         points, nearest, distances = self.coarse[level]
@@ -58,10 +55,7 @@ def nearest_cloud(
     both: bool,  # the Chamfer distance, or the mean squared distance from the query's points alone
     below: float = np.inf,  # only a smaller distance counts
 ) -> tuple[float, int] | None:  # distance, in the square of the clouds' unit, and number of the first cloud that has it
-    """Find the cloud nearest to a query, with the same result, to the bit, as a comparison with all of them.
-
-    The cloud with the least bound is compared at its next level, repeatedly, until its bound is the distance itself.
-    """
+    """Find the cloud nearest to a query, as a comparison with all would, to the bit: the least bound is refined until it is exact."""
     queue = [(0.0, False, number, 0) for number in range(len(clouds))]  # bound, whether it is the distance, cloud, level
     while queue:
         bound, exact, number, level = heappop(queue)

@@ -4,8 +4,8 @@ Vertices are (V, 3) float64, finite, m; faces (F, 3) integers, F at least 1.
 """
 
 import numpy as np
+import scipy
 import trimesh
-from scipy.spatial import cKDTree
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Integers, Mask
@@ -21,11 +21,8 @@ def surface_area(vertices: Array, faces: Integers) -> float:
     return float(np.linalg.norm(face_cross_products(vertices[faces]), axis=1).sum() / 2)
 
 
-def dihedral_angles(vertices: Array, faces: Integers) -> Array:  # (E,) degrees
-    """Compute the angles between the normals of faces that share an edge: 0 on a plane, 180 where a surface folds back onto itself.
-
-    Faces without area have no normal, and their edges no angle.
-    """
+def dihedral_angles(vertices: Array, faces: Integers) -> Array:  # (E,) degrees, of edges of two faces with an area
+    """Compute the angles between the normals of faces that share an edge: 0 on a plane, 180 where a surface folds back onto itself."""
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     sound = (mesh.area_faces > 0)[mesh.face_adjacency].all(axis=1)
     first, second = np.moveaxis(mesh.face_normals[mesh.face_adjacency[sound]], 1, 0)
@@ -47,7 +44,7 @@ def normal_consistency(points: Array, normals: Array, other_points: Array, other
 
 
 def _agreement(points: Array, normals: Array, others: Array, other_normals: Array) -> float:
-    nearest = cKDTree(others).query(points)[1]
+    nearest = scipy.spatial.cKDTree(others).query(points)[1]
     return float(np.abs((normals * other_normals[nearest]).sum(axis=1)).mean())
 
 
@@ -68,10 +65,7 @@ def crossing_faces(
 
 @compiled
 def _mark_crossing(corners: Array, low: Array, high: Array, ids: Integers, axis: int, crossing: Mask) -> None:
-    """Mark the triangles (F, 3, 3) that cross another one and share no vertex number with it; `low` and `high` (F, 3) bound each.
-
-    They are sorted by `low` along an axis: a triangle that begins behind another one's end cannot meet it.
-    """
+    """Mark the triangles (F, 3, 3), sorted by `low` along an axis, that cross another one and share no vertex number with it."""
     for first in range(len(corners)):
         for second in range(first + 1, len(corners)):
             if low[second, axis] > high[first, axis]:

@@ -16,11 +16,7 @@ from pipeline.kernels.tensors import check_full_precision
 
 
 def sample_surface(vertices: Tensor, faces: Tensor, count: int, generator: torch.Generator) -> Tensor:  # (count, 3)
-    """Draw points from a surface of vertices (V, 3) and faces (F, 3); the generator is on the CPU.
-
-    Gradients reach the vertices through the mixture of a face's corners, not through the choice of the face (Smith et al., GEOMetrics,
-    2019).
-    """
+    """Draw points from a surface (V, 3), (F, 3), differentiable but for the choice of faces (Smith et al., GEOMetrics, 2019)."""
     if count < 1:
         raise ValueError(f"{count} points asked for; at least 1 is drawn")
     return map_to_surface(vertices, faces, torch.rand(count, 3, generator=generator, dtype=torch.float64))

@@ -8,9 +8,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import scipy
 import torch
 from numpy.typing import NDArray
-from scipy import sparse
 from torch import Tensor, nn
 from torch.nn.functional import linear
 
@@ -96,7 +96,7 @@ def chart_graph(
     check_full_precision("an adjacency", like)
     mutual = touch_edges == "centres"
     items = [_item_adjacency(charts, side, count, mutual=mutual) for count in counts]
-    matrix = sparse.block_diag(items, format="csr")
+    matrix = scipy.sparse.block_diag(items, format="csr")
     csr = matrix.indptr, matrix.indices, matrix.data
     with warnings.catch_warnings():  # torch warns that its interface may change
         warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta")
@@ -121,7 +121,7 @@ def _touch_centres(charts: VisionCharts, side: int, count: int) -> NDArray[np.in
     return len(charts.vertices) + side**2 * np.arange(count) + side**2 // 2
 
 
-def _item_adjacency(charts: VisionCharts, side: int, count: int, *, mutual: bool) -> sparse.csr_array:  # (n, n)
+def _item_adjacency(charts: VisionCharts, side: int, count: int, *, mutual: bool) -> "scipy.sparse.csr_array":  # (n, n)
     """Make an item's matrix: 1 where vertices are neighbours, with `mutual` also centres of touch and vision charts."""
     square, square_faces = chart_square(side)
     first_vertices = len(charts.vertices) + len(square) * np.arange(count)  # (count,) of each touch chart
@@ -133,7 +133,7 @@ def _item_adjacency(charts: VisionCharts, side: int, count: int, *, mutual: bool
         pairs = np.concatenate([pairs, centres])
     size = len(charts.vertices) + count * len(square)
     rows, columns = np.concatenate([pairs, pairs[:, ::-1]]).T
-    neighbours = sparse.csr_array((np.ones(len(rows)), (rows, columns)), shape=(size, size)) + sparse.eye_array(size)
+    neighbours = scipy.sparse.csr_array((np.ones(len(rows)), (rows, columns)), shape=(size, size)) + scipy.sparse.eye_array(size)
     neighbours.data[:] = 1  # a side of two faces was counted twice
     return neighbours
 

@@ -110,7 +110,6 @@ class DeformationNetwork(nn.Module):
         return pooled if self.linear is None else self.linear(pooled).relu()
 
     def _to_world(self, positions: Tensor) -> Tensor:
-        """Convert radii from the centre to world, m."""
         return positions * self.config.radius + positions.new_tensor(self.config.centre)
 
     def _check(self, images: Tensor | None, camera: Tensor | None, touch_vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> None:

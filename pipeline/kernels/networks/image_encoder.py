@@ -47,7 +47,7 @@ def _blocks(channels: tuple[int, ...], lengths: tuple[int, ...]) -> tuple[tuple[
     return tuple((width, 1 if index else 2) for width, length in zip(channels, lengths, strict=True) for index in range(length))
 
 
-ENCODER_PLANS: Mapping[int, EncoderPlan] = {
+ENCODER_PLANS: Mapping[int, EncoderPlan] = {  # by number of layers
     12: EncoderPlan(_blocks((16, 32, 64, 128), (3, 3, 3, 3)), taps=(3, 6, 9, 12)),  # Table 10, whose tap "(11)" is (12)
     15: EncoderPlan(_blocks((16, 32, 64, 128), (4, 4, 4, 3)), taps=(8, 12, 15)),  # of the search grid of 3.4; no table
     18: EncoderPlan(_blocks((16, 32, 64, 128), (5, 5, 5, 3)), taps=(10, 15, 18)),  # Tables 7-9
@@ -55,7 +55,6 @@ ENCODER_PLANS: Mapping[int, EncoderPlan] = {
         _blocks((16, 32, 64, 128, 256), (5, 5, 5, 5, 5)), taps=(7, 10, 13, 16, 19, 22, 25), resolution=137, shrinks=False
     ),
 }
-"""Encoders by their number of layers."""
 
 
 def _normalisation(norm: Norm, channels: int) -> nn.Module:

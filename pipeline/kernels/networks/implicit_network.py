@@ -75,10 +75,7 @@ class ImplicitNetwork(nn.Module):
     def encode(
         self, *, images: Tensor | None, camera: Tensor | None, touch_vertices: Tensor, touched: Tensor, counts: Sequence[int]
     ) -> Encoding:
-        """Encode a batch of B items, once for all queries; parameters are those of `DeformationNetwork.forward`.
-
-        Of a network that takes any image, items without one have zeros for a camera.
-        """
+        """Encode inputs as of `DeformationNetwork.forward`, once for all queries; an optional image that is missing has camera 0."""
         optional = self.config.image == "any"
         if ((images is not None) != (self.encoder is not None) and not optional) or (any(counts) and not self.config.touch):
             raise ValueError(f"a network with image {self.config.image!r} and touch {self.config.touch} is given something else")

@@ -17,10 +17,7 @@ SCALES = (0.04, 0.2)  # radii of an object, 1 and 5 cm: closeness is exp(-distan
 
 @dataclass(frozen=True)
 class TouchPoints:
-    """Hold the vertices of the touch charts of B items, padded to P, the largest number of vertices of an item.
-
-    Padding is neither touched nor outside.
-    """
+    """The vertices of the touch charts of B items, padded to P, the most of an item; padding is neither touched nor outside."""
 
     points: Tensor  # (B, P, 3) in radii from the centre
     normals: Tensor  # (B, P, 3) unit normals, away from the object
@@ -38,10 +35,7 @@ class TouchPoints:
         return torch.cat([self.points, self.normals, self.touched.to(self.points)[..., None]], dim=2)
 
     def features_at(self, queries: Tensor) -> tuple[Tensor, Tensor]:  # (B, N, `TOUCH_FEATURES`), (B, N) int64
-        """Compute features of queries (B, N, 3), radii from the centre, and the numbers of the nearest touched points.
-
-        Features are zeros where there is no such point; an item without one gets any number.
-        """
+        """Compute features of queries (B, N, 3), radii, zeros where no point counts, and the numbers of the nearest touched points."""
         if not self.points.shape[1]:
             return queries.new_zeros(*queries.shape[:2], TOUCH_FEATURES), queries.new_zeros(queries.shape[:2], dtype=torch.int64)
         nearest = [side.find(queries) for side in self._sides]
@@ -90,11 +84,8 @@ def heights_above_touches(
     *,
     finger: float,  # depth of the finger above the plane, radii: height up to it adds nothing to the distance
     below: float,  # depth below the plane at which a height's weight is 1/e, radii: the object may be thin
-) -> tuple[Tensor, Tensor]:  # heights (...), radii; weights (...)
-    """Compute the heights of queries above the tangent planes of the nearest touched points; the object cannot be in the finger.
-
-    Weights are exp(-(distance / reach)⁴), zeros where nothing was touched.
-    """
+) -> tuple[Tensor, Tensor]:  # heights (...), radii; weights (...) exp(-(distance / reach)⁴), zeros where nothing was touched
+    """Compute the heights of queries above the tangent planes of the nearest touched points; the object cannot be in the finger."""
     offset, normal, height = features[..., :3], features[..., 3:6], features[..., 6]
     across = offset.square().sum(dim=-1) - height.square()
     along = (height - finger).clamp(min=0) / reach + height.clamp(max=0) / below
@@ -114,13 +105,13 @@ def chart_normals(vertices: Tensor) -> Tensor:
 def touches_by_item(vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> TouchPoints:  # P is S times the most charts
     """Group the touch charts (T, S, 3), radii from the centre, of which some touched (T,), by item, with counts per item."""
     item = torch.repeat_interleave(torch.arange(len(counts)), torch.tensor(counts))
-    place = torch.cat([torch.arange(0), *map(torch.arange, counts)])
-    where = torch.stack([item, place]).to(vertices.device)
+    slot = torch.cat([torch.arange(0), *map(torch.arange, counts)])
+    where = torch.stack([item, slot]).to(vertices.device)
 
-    def placed(charts: Tensor) -> Tensor:
+    def padded_by_item(charts: Tensor) -> Tensor:
         """Pad (T, S, ...) values per item with zeros: (B, P, ...)."""
         padded = charts.new_zeros(len(counts), max(counts), *charts.shape[1:])
         return padded.index_put((where[0], where[1]), charts).flatten(1, 2)
 
     flags = touched[:, None].expand(vertices.shape[:2])
-    return TouchPoints(placed(vertices), placed(chart_normals(vertices)), placed(flags), placed(~flags))
+    return TouchPoints(padded_by_item(vertices), padded_by_item(chart_normals(vertices)), padded_by_item(flags), padded_by_item(~flags))

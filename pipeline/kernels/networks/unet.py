@@ -80,12 +80,9 @@ def _convolution(before: int, after: int, kernel: int) -> nn.Sequential:
 def contact_mask(
     images: Tensor,  # (..., H, W, 3) uint8
     untouched: Tensor,  # (H, W, 3) uint8 image of the same sensor with nothing on it, on the same device
-    threshold: float = THRESHOLD,  # in squared intensities
+    threshold: float = THRESHOLD,  # in squared intensities: the quantisation to 8 bits alone exceeds 0.001 unsquared
 ) -> Tensor:  # (..., H, W) bool
-    """Find the pixels that touched: those whose squared l2 difference over colour, compared as integers, exceeds the threshold.
-
-    The norm is squared: without the square, the quantisation to 8 bits alone exceeds the supplement's 0.001.
-    """
+    """Find the pixels that touched: those whose squared l2 difference over colour, compared as integers, exceeds the threshold."""
     if images.ndim < 3 or untouched.ndim != 3 or images.shape[-3:] != untouched.shape or untouched.shape[-1] != COLOURS:
         shapes = f"images of shape {tuple(images.shape)}, untouched {tuple(untouched.shape)}"
         raise ValueError(f"{shapes}; they must be (..., H, W, 3) and (H, W, 3)")
@@ -111,11 +108,8 @@ def masked_depth_loss(
     *,
     width: float,  # of the sensor plane, m
     gel: float | Tensor,  # the gel's thickness w, m, to which true depths are clamped; (H, W) where the gel is curved
-) -> Tensor:  # a scalar in sensor widths squared, of `predicted`'s type, differentiable in it
-    """Compute the mean over touches of the mean squared depth error over their masked pixels, 0 where there are none.
-
-    In float32 the loss's root errs by less than 1e-6 of itself and 3e-7 sensor widths (5 nm).
-    """
+) -> Tensor:  # a scalar in sensor widths squared; its root errs in float32 by less than 1e-6 of itself and 3e-7 (5 nm)
+    """Compute the mean over touches of the mean squared depth error over their masked pixels, 0 where there are none."""
     _check(predicted, depth, mask)
     error = torch.where(mask, predicted - visible_depth(depth, gel).to(predicted.dtype), 0) / width  # (B, H, W)
     touch_errors = error.square().sum(dim=(1, 2)) / mask.sum(dim=(1, 2)).clamp(min=1)
@@ -124,11 +118,8 @@ def masked_depth_loss(
 
 def projected_chamfer_loss(
     predicted: Tensor, depth: Tensor, mask: Tensor, *, width: float, gel: float | Tensor, aspect: float = 1.0
-) -> Tensor:
-    """Compute the mean over touches of the Chamfer distance between predicted and true points of masked pixels, sensor frame.
-
-    `aspect` is the sensor's height over its width; otherwise as `masked_depth_loss`.
-    """
+) -> Tensor:  # as `masked_depth_loss`; aspect: the sensor's height over its width
+    """Compute the mean over touches of the Chamfer distance between predicted and true points of masked pixels, sensor frame."""
     _check(predicted, depth, mask)
     true = visible_depth(depth, gel).to(predicted.dtype)
     total = (predicted * 0).sum()  # keeps the graph if every mask is empty

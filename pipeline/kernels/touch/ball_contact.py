@@ -99,10 +99,7 @@ class Sample:
         return np.asarray(weighted.T @ weighted)[: self.features.shape[1]]  # symmetric: numpy computes half of the product
 
     def error(self, coefficients: Array) -> float:
-        """Compute the mean error of colours by coefficients (k, 3): that in the contact plus that in the ring, levels.
-
-        In the ring all radii weigh alike, not all pixels: the gel's depth is the sum of its slopes along a radius.
-        """
+        """Compute the mean error by coefficients (k, 3), levels, in the contact plus in the ring, where all radii weigh alike."""
         size = np.abs(self.change - self.features @ coefficients).mean(axis=1)
         inside = self.distance < 1
         weight = np.where(inside, 1.0, 1 / np.maximum(self.distance, 1))

@@ -15,21 +15,17 @@ from pipeline.kernels.touch.optics import POSITION_TERMS, SLOPE_TERMS, Box, Cali
 from pipeline.kernels.touch.pressed_gel import gel_under
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 
-FLAT = 1e-7
-"""m: pixels at the ends of a row whose indentation is smaller, as it is above and below them, are not shaded."""
+FLAT = 1e-7  # m of indentation below which pixels at the ends of a row, also above and below, are not shaded
 
 
 def shade_depth(
-    bump: Array,  # (rows, cols) height towards the camera, m; negative where an elastic gel rises
+    bump: Array,  # (rows, cols) height towards the camera, m; negative where an elastic gel rises; 0 beyond the image
     pitch: tuple[float, float],  # size of a pixel along y and x, m
     *,
     direction: float,  # towards the lamp, rad from +x to +y
     slope: float,  # height over length of the lamp's rays, > 0
 ) -> Array:  # (rows, cols) m, >= 0: below the edge of the shade, along the height
-    """Compute how deep each point of the gel lies in the shade of a distant lamp; beyond the image the gel is at rest, at height 0.
-
-    The edge of the shade is carried from line to line towards the far side, with linear interpolation within a line.
-    """
+    """Compute how deep each point lies in the shade of a distant lamp, whose edge is carried from line to line, interpolated."""
     step_y, step_x = math.sin(direction) / pitch[0], math.cos(direction) / pitch[1]  # pixels per m towards the lamp
     swapped = abs(step_x) > abs(step_y)
     image = np.ascontiguousarray(bump.T if swapped else bump)
@@ -126,7 +122,7 @@ def _shade(
 ) -> None:
     """Add the change of colours at every pixel that is drawn in or next to one that is, row by row."""
     rows, cols = bump.shape
-    slopes, places = degrees
+    slopes, position_degree = degrees
     terms = np.empty((shading.shape[1], cols))
     light, local = np.empty(cols), np.empty(cols)
     for row in range(rows):
@@ -167,9 +163,9 @@ def _shade(
             for term in range(shading.shape[1]):
                 value = local[first : last + 1]
                 value[:] = 0.0
-                for i in range(places, -1, -1):  # Horner's rule in x; the coefficients are polynomials in y
+                for i in range(position_degree, -1, -1):  # Horner's rule in x; the coefficients are polynomials in y
                     factor_y = 0.0
-                    for j in range(places - i, -1, -1):
+                    for j in range(position_degree - i, -1, -1):
                         factor_y = factor_y * y[row] + shading[channel, term, (i + j) * (i + j + 1) // 2 + j]
                     for n in range(len(value)):
                         value[n] = value[n] * across[n] + factor_y

@@ -6,6 +6,7 @@ Valid range: contacts of 8 pixels radius or more.
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -94,17 +95,10 @@ def fit_colours(
     radius = float(np.median([photograph.contact.radius for photograph in photographs])) * sensor.pitch[1]
     within = contact_box(sensor, [photograph.contact for photograph in photographs])
 
+    sample = partial(sample_photographs, photographs=photographs, untouched=untouched, ball_radius=ball_radius, within=within)
+
     def sampled(candidate: Sensor, degree: int) -> list[Sample]:
-        degrees = options.normal_degree, degree
-        return sample_photographs(
-            candidate,
-            photographs,
-            untouched,
-            ball_radius=ball_radius,
-            degrees=degrees,
-            within=within,
-            contact_weight=options.contact_weight,
-        )
+        return sample(candidate, degrees=(options.normal_degree, degree), contact_weight=options.contact_weight)
 
     position_degree = options.position_degree
     usual = USUAL_DEGREE if position_degree is None else position_degree
@@ -116,11 +110,9 @@ def fit_colours(
     samples = sampled(fitted, POSITION_DEGREES[-1] if position_degree is None else position_degree)
     terms = len(powers(options.normal_degree))  # without a constant, and with the depth
     if position_degree is None:
-        samples_by_degree = {degree: _up_to_degree(samples, degree, terms) for degree in POSITION_DEGREES}
-        position_degree = POSITION_DEGREES[
-            _simplest_good([left_out_error(degree_samples) for degree_samples in samples_by_degree.values()])
-        ]
-        samples = samples_by_degree[position_degree]
+        by_degree = [_up_to_degree(samples, degree, terms) for degree in POSITION_DEGREES]
+        chosen = _simplest_good([left_out_error(of_degree) for of_degree in by_degree])
+        position_degree, samples = POSITION_DEGREES[chosen], by_degree[chosen]
     samples, shadows = _with_shadows(samples, fitted, options.shadows)
     mean: Levels = tuple(untouched.mean(axis=(0, 1)).tolist())
     at_end = _at_end(gels[best], position_degree if options.position_degree is None else None)

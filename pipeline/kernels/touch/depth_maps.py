@@ -3,7 +3,7 @@
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
+import scipy
 
 from pipeline.kernels.arrays import Array, Array32, Mask, check_shape
 from pipeline.kernels.compiled import compiled
@@ -25,7 +25,7 @@ def gel_surface(sensor: Sensor) -> Array:  # (rows, cols) m, read-only; () where
     else:
         heights = np.array(sensor.surface.heights)
         grid = [np.linspace(-side / 2, side / 2, count) for side, count in zip((sensor.height, sensor.width), heights.shape, strict=True)]
-        surface = RegularGridInterpolator(grid, heights)(np.stack(np.meshgrid(y, x, indexing="ij"), axis=-1))
+        surface = scipy.interpolate.RegularGridInterpolator(grid, heights)(np.stack(np.meshgrid(y, x, indexing="ij"), axis=-1))
     surface.flags.writeable = False
     return np.asarray(surface)
 
@@ -112,10 +112,7 @@ def quantise_depth(
 
 @compiled
 def _round(depth: Array, gel: float, beyond: np.float32, gel_steps: float, far_steps: float, rounded: Array32) -> None:
-    """Round to multiples of 1/gel_steps below `gel` and of 1/far_steps beyond, both powers of two; 0 for not at all.
-
-    `beyond` is the least float32 that is not below `gel`: a surface outside the gel stays outside.
-    """
+    """Round to multiples of 1/gel_steps below `gel` and of 1/far_steps beyond, or to `beyond`, the least float32 not below it."""
     for i in range(len(depth)):
         steps = gel_steps if depth[i] < gel else far_steps
         rounded[i] = depth[i] if steps == 0 else np.rint(depth[i] * steps) / steps

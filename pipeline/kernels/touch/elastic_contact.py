@@ -9,10 +9,8 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
-from scipy.interpolate import CubicSpline
-from scipy.special import j0
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Floats, Mask
@@ -21,8 +19,7 @@ from pipeline.kernels.touch.sensor import Gel, Sensor
 
 REACH = 30.0  # thicknesses from a load at which a layer no longer moves: less than 1e-9 of a half-space's displacement
 KNOTS_PER_THICKNESS = 100
-WAVES, NODES = 16.0, 400
-"""Greatest wave number times thickness at which a layer differs from a half-space, by 1e-13, and nodes of the quadrature up to it."""
+WAVES, NODES = 16.0, 400  # wave number times thickness from which a layer is a half-space to 1e-13; nodes of the quadrature
 GAUSS = (-0.5 / 3**0.5, 0.5 / 3**0.5)  # nodes of a quadrature over a cell, in cells
 MAX_CELLS = 160  # along the longer side of an image, on which contact is solved; with more pixels, several share a cell
 TOLERANCE = 1e-4  # largest gap in the contact over the deepest impression; the force errs by as much
@@ -66,13 +63,13 @@ def layer_factor(wave: Floats, poisson: float) -> Array:  # (...) 0 to 1
 
 
 @lru_cache(maxsize=8)
-def _bond(poisson: float) -> CubicSpline:
+def _bond(poisson: float) -> "scipy.interpolate.CubicSpline":
     """Compute the correction of a half-space's 1/r for the rigid base, by distance in thicknesses: the integral of (factor - 1) J0(a r)."""
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     wave, weights = (nodes + 1) * WAVES / 2, weights * WAVES / 2
     distance = np.linspace(0, REACH, int(REACH * KNOTS_PER_THICKNESS) + 1)
     weighted = weights * (layer_factor(wave, poisson) - 1)
-    return CubicSpline(distance, (j0(distance[:, None] * wave) * weighted).sum(axis=1))
+    return scipy.interpolate.CubicSpline(distance, (scipy.special.j0(distance[:, None] * wave) * weighted).sum(axis=1))
 
 
 @lru_cache(maxsize=8)
@@ -147,19 +144,19 @@ class _Displacement:
     def __init__(self, kernel: Array) -> None:
         rows, cols = self.shape = kernel.shape
         self.kernel = kernel
-        self.padded = (fft.next_fast_len(2 * rows - 1), fft.next_fast_len(2 * cols - 1, real=True))
+        self.padded = (scipy.fft.next_fast_len(2 * rows - 1), scipy.fft.next_fast_len(2 * cols - 1, real=True))
         wrapped = np.zeros(self.padded)
         wrapped[:rows, :cols] = kernel
         wrapped[self.padded[0] - rows + 1 :, :cols] = kernel[:0:-1]
         wrapped[:, self.padded[1] - cols + 1 :] = wrapped[:, cols - 1 : 0 : -1]
-        self.spectrum = fft.rfft2(wrapped)
+        self.spectrum = scipy.fft.rfft2(wrapped)
 
     def __call__(self, pressure: Array) -> Array:
-        lines = fft.rfft(pressure, self.padded[1])  # axis by axis: lines of zeros and lines that are cut off need no transform
-        waves = fft.fft(lines, self.padded[0], axis=0)
+        lines = scipy.fft.rfft(pressure, self.padded[1])  # axis by axis: lines of zeros and lines that are cut off need no transform
+        waves = scipy.fft.fft(lines, self.padded[0], axis=0)
         waves *= self.spectrum
-        lines = fft.ifft(waves, axis=0, overwrite_x=True)[: self.shape[0]]
-        return np.ascontiguousarray(fft.irfft(lines, self.padded[1])[:, : self.shape[1]])
+        lines = scipy.fft.ifft(waves, axis=0, overwrite_x=True)[: self.shape[0]]
+        return np.ascontiguousarray(scipy.fft.irfft(lines, self.padded[1])[:, : self.shape[1]])
 
     def restricted(self, shape: tuple[int, ...]) -> "_Displacement":
         """Return the displacements on a smaller grid."""
@@ -175,14 +172,14 @@ class _Stiffness:
     """The approximate inverse of `_Displacement` on a periodic grid, which preconditions the solver; in single precision."""
 
     def __init__(self, shape: tuple[int, int], pitch: tuple[float, float], poisson: float, thickness: float) -> None:
-        rows, cols = self.padded = fft.next_fast_len(shape[0]), fft.next_fast_len(shape[1], real=True)
-        waves = [2 * np.pi * frequencies for frequencies in (fft.fftfreq(rows, pitch[0]), fft.rfftfreq(cols, pitch[1]))]
+        rows, cols = self.padded = scipy.fft.next_fast_len(shape[0]), scipy.fft.next_fast_len(shape[1], real=True)
+        waves = [2 * np.pi * frequencies for frequencies in (scipy.fft.fftfreq(rows, pitch[0]), scipy.fft.rfftfreq(cols, pitch[1]))]
         wave = np.hypot(waves[0][:, None], waves[1][None])
         wave[0, 0] = np.pi / max(shape[0] * pitch[0], shape[1] * pitch[1])  # a single contact is not infinite
         self.spectrum = (wave / (2 * layer_factor(wave * thickness, poisson))).astype(np.float32)
 
     def __call__(self, displacement: Array) -> Array:
-        pressure = fft.irfft2(fft.rfft2(displacement.astype(np.float32), self.padded) * self.spectrum, self.padded)
+        pressure = scipy.fft.irfft2(scipy.fft.rfft2(displacement.astype(np.float32), self.padded) * self.spectrum, self.padded)
         return np.asarray(pressure[: displacement.shape[0], : displacement.shape[1]], np.float64)
 
 

@@ -6,8 +6,8 @@ Valid range: one contact of 8 pixels radius or more, whose rim shows as a change
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 from skimage.filters import gaussian
 from skimage.measure import CircleModel, label, ransac, regionprops
 from skimage.transform import warp_polar
@@ -36,7 +36,7 @@ def find_contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> Circ
     Opposite sides of a ball slope oppositely, and their colours change oppositely: the centre is first sought where the change of
     colour is most nearly an odd function, and the rim as the circle around it where colours fade fastest. Lamps and the image's rim
     shift that centre. So a circle is fitted by RANSAC to the points, one in each direction that the image shows, where the strength
-    of the change falls most, twice, and at last to those where colours jump most.
+    of the change falls most, twice, and finally to those where colours jump most.
     """
     change = gaussian(image.astype(float) - untouched, 1.5, channel_axis=2)
     change -= np.median(change, axis=(0, 1))
@@ -96,7 +96,7 @@ def _by_symmetry(change: Array, region: Any) -> tuple[float, float]:
     rows, cols = slice(max(top - MARGIN, 0), bottom + MARGIN), slice(max(left - MARGIN, 0), right + MARGIN)
     window = change[rows, cols]
     size = [2 * count for count in window.shape[:2]]
-    opposite = -np.sum([fft.irfft2(fft.rfft2(channel, size) ** 2, size) for channel in np.moveaxis(window, 2, 0)], axis=0)
+    opposite = -np.sum([scipy.fft.irfft2(scipy.fft.rfft2(channel, size) ** 2, size) for channel in np.moveaxis(window, 2, 0)], axis=0)
     y, x = (index / 2 for index in np.unravel_index(opposite.argmax(), opposite.shape))  # at i: of pixels whose indices sum to i
     return cols.start + x, rows.start + y
 

@@ -11,10 +11,8 @@ Levels = tuple[Level, Level, Level]
 Box = tuple[float, float, float, float]  # least x and y, greatest x and y, m
 Place = Annotated[float, Field(ge=-10, le=10)]
 
-POSITION_TERMS = {(degree + 1) * (degree + 2) // 2: degree for degree in range(7)}
-"""Degree of a polynomial in x and y, by its number of terms."""
-SLOPE_TERMS = {count - 1: degree for count, degree in POSITION_TERMS.items() if degree}
-"""Degree of a polynomial in the two components of a normal, without its constant term, by the number of its terms."""
+POSITION_TERMS = {(degree + 1) * (degree + 2) // 2: degree for degree in range(7)}  # degree in x and y by number of terms
+SLOPE_TERMS = {count - 1: degree for count, degree in POSITION_TERMS.items() if degree}  # in a normal, without a constant
 
 
 class Entry(BaseModel):
@@ -75,18 +73,15 @@ class Calibration(Entry):
 
     @model_validator(mode="after")
     def _are_polynomials(self) -> "Calibration":
-        slopes, places = {len(color) for color in self.coefficients}, {len(term) for color in self.coefficients for term in color}
-        fits = len(slopes) == len(places) == 1 and slopes <= SLOPE_TERMS.keys() and places <= POSITION_TERMS.keys()
+        slopes, positions = {len(color) for color in self.coefficients}, {len(term) for color in self.coefficients for term in color}
+        fits = len(slopes) == len(positions) == 1 and slopes <= SLOPE_TERMS.keys() and positions <= POSITION_TERMS.keys()
         if len(self.coefficients) != 3 or not fits:
-            raise ValueError(
-                f"coefficients has {len(self.coefficients)} colours with {sorted(slopes)} terms of the normal and {sorted(places)} of the "
-                f"position; there must be 3, each with one of {list(SLOPE_TERMS)}, each with one of {list(POSITION_TERMS)}"
-            )
-        if self.depth is not None and [len(color) for color in self.depth] != 3 * list(places):
-            raise ValueError(
-                f"depth has {[len(color) for color in self.depth]} terms of the position by colour; there must be 3 colours, each with as "
-                f"many as coefficients have, {places.pop()}"
-            )
+            have = f"{len(self.coefficients)} colours with {sorted(slopes)} terms of the normal and {sorted(positions)} of the position"
+            allowed = f"3, each with one of {list(SLOPE_TERMS)}, each with one of {list(POSITION_TERMS)}"
+            raise ValueError(f"coefficients has {have}; there must be {allowed}")
+        if self.depth is not None and [len(color) for color in self.depth] != 3 * list(positions):
+            have = f"{[len(color) for color in self.depth]} terms of the position by colour"
+            raise ValueError(f"depth has {have}; there must be 3 colours, each with as many as coefficients have, {positions.pop()}")
         if not isinstance(self.background, str) and len(self.background) not in POSITION_TERMS:
             raise ValueError(f"background has {len(self.background)} terms of the position; there must be one of {list(POSITION_TERMS)}")
         if self.within is not None and not (self.within[0] < self.within[2] and self.within[1] < self.within[3]):

@@ -59,11 +59,8 @@ class Alteration:
         return (self.colours, self.orientation) == ("RGB", "upright")
 
 
-def find_alteration(photograph: NDArray[np.uint8], reference: NDArray[np.uint8]) -> Alteration:
-    """Find what turns a reference into a photograph (rows, cols, 3) of the same gel, perhaps pressed; sizes may differ.
-
-    Quarter turns are tried if the sides fit. It is none if no alteration explains the difference clearly better.
-    """
+def find_alteration(photograph: NDArray[np.uint8], reference: NDArray[np.uint8]) -> Alteration:  # none if none is clearly better
+    """Find what turns a reference (rows, cols, 3) into a photograph, of any size, of the same gel, perhaps pressed."""
     cells, reference_cells = cell_means(photograph), cell_means(reference)
     aspects = [image.shape[1] / image.shape[0] for image in (photograph, reference)]
     is_turned = abs(aspects[0] * aspects[1] - 1) < abs(aspects[0] / aspects[1] - 1)  # its sides are nearer to the exchanged ones
@@ -85,11 +82,7 @@ def find_alteration(photograph: NDArray[np.uint8], reference: NDArray[np.uint8])
 
 
 def pressed_share(untouched: NDArray[np.uint8], photograph: NDArray[np.uint8], background: NDArray[np.uint8]) -> float:
-    """Compute the share of the cells that differ most between two photographs in which the untouched one is the pressed one.
-
-    All are (rows, cols, 3) of any size; `background` shows the gel with nothing on it. 0: the untouched photograph has no contact, or
-    nothing is pressed; 1: it has the only one.
-    """
+    """Compute the share of the cells of contacts that are pressed in the untouched photograph; `background` shows the gel alone."""
     first, second, rest = (cell_means(image) for image in (untouched, photograph, background))
     first, second = (cells / np.maximum(_gain(cells, rest), 0.1) for cells in (first, second))
     change = np.abs(second - first).mean(axis=2)

@@ -1,4 +1,8 @@
-"""Say what is wrong with photographs of a gel as a whole, before they are read: exchanged colours, turned, mirrored, exposure."""
+"""Say what is wrong with photographs of a gel as a whole, before they are read: exchanged colours, turned, mirrored, exposure.
+
+Limits are above what public sets and other units of a sensor show: brightness differs by 0.022 within a set and by 0.065 between units,
+colours relative to each other by 0.055, chroma by 0.07, and a gel that is tilted by 40° as a whole by 17 levels.
+"""
 
 import cmath
 import math
@@ -15,23 +19,14 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import untouched_image
 
 TO_ACCEPT = "If the photographs are right as they are, go on with --accept-photographs (in Python, accept_photographs=True)"
-"""End of an error that names faults of photographs."""
-EXPOSURE, OTHER_DAY_EXPOSURE = 0.06, 0.08
-"""Largest relative difference of brightness between photographs of one session, and from the sensor file. Those of public sets differ by
-0.022 within a set; another unit of a sensor by 0.065."""
-BALANCE = 0.15
-"""Largest difference between the relative brightness of two colours. Those of public sets differ by 0.055."""
-BALANCED = 0.3
-"""White balance differs if brightness by colour leaves less than this share of the difference that common brightness leaves."""
-CHROMA = 0.12
-"""Largest relative difference of chroma: of contrast, saturation or hue. Another unit of a sensor differs by 0.07."""
-CHROMA_LEFT = 0.7
-"""Chroma differs if its factor leaves less than this share of the difference; beside a press, less than the factor's own change."""
+EXPOSURE, OTHER_DAY_EXPOSURE = 0.06, 0.08  # largest relative difference of brightness: of one session; from the sensor file
+BALANCE = 0.15  # largest difference between the relative brightness of two colours
+BALANCED = 0.3  # share of a difference that brightness by colour must leave at most, for white balance to differ
+CHROMA = 0.12  # largest relative difference of chroma: of contrast, saturation or hue
+CHROMA_LEFT = 0.7  # share of a difference that chroma's factor must leave at most; beside a press, its own change
 STRANGE = 1.5  # chroma that differs by more is no setting of a camera
-UNLIKE_PRESSED = 20.0
-"""Levels by which a pressed gel may differ in the median of its cells: one that is tilted by 40° as a whole differs by 17."""
-EXCHANGED, PRESSED_TOO = 0.8, 0.2
-"""Shares of a contact's cells in which the untouched photograph is the pressed one: both are exchanged; it has a contact too."""
+UNLIKE_PRESSED = 20.0  # levels by which a pressed gel may differ in the median of its cells
+EXCHANGED, PRESSED_TOO = 0.8, 0.2  # shares pressed in the untouched photograph: exchanged with the other; both are pressed
 SIDES = 0.05  # largest relative difference between the aspect ratios of photographs that are compared
 COARSE = 3  # least degree of a polynomial background that resembles the untouched gel
 

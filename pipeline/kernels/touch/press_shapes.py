@@ -41,12 +41,9 @@ class Press(NamedTuple):
 def press_relief(
     relief: Array,  # (rows, cols) heights towards the gel, m; -inf where there is no surface
     sensor: Sensor,
-    depth: float,  # of the deepest point in the gel, m
+    depth: float,  # of the deepest point in the gel, m, less than the gel's thickness there
 ) -> Array:  # (rows, cols) D from the sensor plane, m; +inf where nothing is met within the sensor's range
-    """Press a relief into a gel; a constant added to the relief changes nothing.
-
-    No surface, or a depth that is not between 0 and the gel's thickness at the deepest point, is `InvalidInput`.
-    """
+    """Press a relief into a gel; a constant added to the relief changes nothing."""
     if relief.shape != sensor.shape:
         raise ValueError(f"relief has shape {relief.shape}; sensor {sensor.name!r} has {sensor.shape} (rows, cols)")
     if not (relief < np.inf).all():
@@ -133,24 +130,20 @@ def _cone(x: Array, y: Array, draw: ShapeDraw) -> Array:
 
 
 def _cylinder(x: Array, y: Array, draw: ShapeDraw) -> Array:
-    """Make a cylinder that lies on the gel, of any length."""
     half = draw.rng.uniform(0.5, 4.0) * draw.size
     return np.where(np.abs(x) < half, _dome(draw.size, y**2), -np.inf)
 
 
 def _prism(x: Array, y: Array, draw: ShapeDraw) -> Array:
-    """Make a prism of 3 to 6 sides that stands on its flat end."""
     return -draw.rng.uniform(*WALLS) * np.maximum(_outside(x, y, draw), 0)
 
 
 def _pyramid(x: Array, y: Array, draw: ShapeDraw) -> Array:
-    """Make a pyramid whose tip is cut off."""
     flat = draw.rng.uniform(0.1, 0.6) * draw.size
     return -draw.rng.uniform(0.15, 1.0) * np.maximum(_outside(x, y, draw) + draw.size - flat, 0)
 
 
 def _post(x: Array, y: Array, draw: ShapeDraw) -> Array:
-    """Make a cylinder that stands on its flat end."""
     return -draw.rng.uniform(*WALLS) * np.maximum(np.hypot(x, y) - 0.7 * draw.size, 0)
 
 
@@ -162,7 +155,6 @@ def _edge(x: Array, y: Array, draw: ShapeDraw) -> Array:
 
 
 def _ring(x: Array, y: Array, draw: ShapeDraw) -> Array:
-    """Make a torus that lies on the gel."""
     thick = draw.rng.uniform(0.1, 0.45) * draw.size
     return _dome(thick, (np.hypot(x, y) - draw.size) ** 2)
 

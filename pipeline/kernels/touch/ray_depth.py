@@ -6,7 +6,6 @@ Valid range: objects and sensors within 100 m of the origin, sensors 10 µm to 1
 import math
 from dataclasses import dataclass
 
-import igl
 import numpy as np
 
 from pipeline.kernels.arrays import Array, Mask, check_shape
@@ -21,14 +20,11 @@ Point = tuple[float, float, float]  # x in columns, y in rows (pixel centres: in
 SLACK = 1e-9  # m, by which boxes are enlarged: far above rounding errors within the valid range
 TOLERANCE = 1e-7  # m before the surface at which a ray may stop: a tenth of the stated accuracy, for a fifth more time
 MAX_STEPS = 100  # rays still under way (0.4 % on twenty real meshes, 7 % of the worst sensor) run along walls
-SLIVER = 1e-3
-"""Flatter faces are intersected exactly. libigl's distance to a face has an error of some 1e-16 / flatness² of its length: more than
-`TOLERANCE` from 1e-5 on, all of it at 1e-8, and a ray that trusts it steps through the face."""
+SLIVER = 1e-3  # flatness below which sphere tracing intersects exactly: libigl's distance errs by 1e-16 / flatness² of a face
 
 
 @compiled
-def _edge_at_row(low: Point, high: Point, row: float) -> tuple[float, float]:
-    """Compute the column and depth at which an edge crosses a row."""
+def _edge_at_row(low: Point, high: Point, row: float) -> tuple[float, float]:  # column and depth
     if row == high[1]:
         return high[0], high[2]
     share = (row - low[1]) / (high[1] - low[1])
@@ -92,10 +88,7 @@ def box_faces(triangles: np.ndarray) -> BoxedFaces:
 
 
 def cull_faces(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor) -> Array:  # (3 axes, 3 corners, N) sensor frame, m
-    """Select the faces that rays of a sensor at a pose (4, 4) can meet within its range, and few others.
-
-    The same corner has the same bits in every face, so shared edges stay shared.
-    """
+    """Select the faces that rays of a sensor at a pose (4, 4) can meet, and few others; shared corners stay equal to the bit."""
     pose = check_pose(pose)
     rotation, origin = pose[:3, :3], pose[:3, 3]
     prism_half = np.array([sensor.width, sensor.height, sensor.range])[:, None] / 2 + SLACK
@@ -110,8 +103,7 @@ def cull_faces(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor) -> Array:  #
     return local[:, :, _all_axes((low <= prism_centre + prism_half) & (high >= prism_centre - prism_half))]
 
 
-def _all_axes(holds: Mask) -> Mask:
-    """Combine conditions of three axes, (3, N), to (N,): true where all hold."""
+def _all_axes(holds: Mask) -> Mask:  # (3, N) to (N,)
     return np.asarray(holds[0] & holds[1] & holds[2])
 
 
@@ -178,6 +170,8 @@ def trace_spheres(
     end = min(local[2].max() + PLANE_TOLERANCE, sensor.range)
     corners = np.ascontiguousarray(local.transpose(2, 1, 0))  # (N, corner, xyz)
     vertices, faces = corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3)
+    import igl  # and SciPy's sparse matrices with it
+
     tree = igl.AABB()
     tree.init(vertices, faces)
     cosine = np.abs(unit_vectors(face_cross_products(corners))[:, 2])  # of the angle between each face's normal and the rays

@@ -70,7 +70,7 @@ class Sensor(Entry):
     rows: Annotated[int, Field(ge=2, le=MAX_PIXELS_PER_SIDE, description="pixels along +y; a gradient needs two")]
     cols: Annotated[int, Field(ge=2, le=MAX_PIXELS_PER_SIDE, description="pixels along +x; a gradient needs two")]
     w: Annotated[Length, Field(description="thickness of the gel, m (equation 1); of a curved one in the middle")]
-    range: Annotated[Length, Field(description="greatest depth at which a surface is found, m")]
+    range: Annotated[Length, Field(description="greatest depth at which a surface is seen, m")]
     surface: Annotated[
         Surface | None,
         Field(description="shape of the gel; by default flat. Rays stay parallel, and a touch is measured by the depth below it"),
@@ -154,7 +154,6 @@ def sensor_differences(one: Sensor, other: Sensor, *, but_for: Mapping[str, Any]
 
 
 def _filled_in(sensor: Sensor) -> Sensor:
-    """Give a sensor the height and the thickness that it has by default."""
     gel = sensor.gel and sensor.gel.model_copy(update={"thickness": sensor.layer_thickness})
     return sensor.model_copy(update={"given_height": sensor.height, "gel": gel})
 

@@ -100,10 +100,7 @@ def look_at(camera: Camera, position: Vector, target: Vector) -> Camera:
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Where a rendering of 3D-R2N2 was made from: a line of `rendering_metadata.txt`.
-
-    Renderings are Blender's, of ShapeNetCore meshes as their files have them: y up, about the origin, in units of the file.
-    """
+    """Where Blender made a rendering of 3D-R2N2 from, of a ShapeNetCore file, y up: a line of `rendering_metadata.txt`."""
 
     azimuth: float  # degrees; 0 is +x, 90 is +z
     elevation: float  # degrees; 90 is straight above
@@ -127,9 +124,6 @@ def viewpoint_camera(viewpoint: Viewpoint, resolution: int) -> Array:
     return compose(intrinsic, to_camera)
 
 
-def placed_camera(camera: Array, placement: Array) -> Array:
-    """Compute the projection matrix (3, 4) that shows a placed object, m, as a camera (3, 4) shows its file.
-
-    `placement` (4, 4) takes points of the file to the world: turned, scaled by one factor, moved.
-    """
+def placed_camera(camera: Array, placement: Array) -> Array:  # camera: (3, 4), points of the file to pixels
+    """Compute the projection matrix (3, 4) that shows an object, m, placed by a similarity (4, 4), as a camera shows its file."""
     return length(placement[:3, 0]) * compose(camera, invert_similarity(placement))

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from trimesh.visual.color import srgb_to_linear
 
 from pipeline.kernels.arrays import Array, Array32, Indices
 from pipeline.kernels.geometry.mesh import Look, Mesh, check_coordinates, face_cross_products
@@ -59,8 +58,7 @@ def corner_normals(vertices: Array, faces: NDArray[np.int32]) -> Array:
     return smooth.reshape(-1, 3, 3)
 
 
-def _corner_angles(triangles: Array) -> Array:
-    """Compute the angle at every corner, (F, 3) rad."""
+def _corner_angles(triangles: Array) -> Array:  # (F, 3) rad
     ahead = np.roll(triangles, -1, axis=1) - triangles
     behind = np.roll(triangles, 1, axis=1) - triangles
     cross = np.linalg.norm(np.cross(ahead, behind), axis=2)
@@ -104,6 +102,8 @@ def faces_by_material(look: Look) -> list[tuple[list[int], Indices]]:
 
 def _primitive(mesh: Mesh, normals: Array, faces: Indices, color: list[int], texture: NDArray[np.uint8] | None) -> Primitive:
     """Merge the faces' corners that share a vertex and, to `NORMAL_STEPS`, a normal."""
+    from trimesh.visual.color import srgb_to_linear  # takes half a second
+
     vertex = mesh.faces[faces].reshape(-1)  # (3F,)
     normal = normals[faces].reshape(-1, 3)
     steps = np.round(normal * NORMAL_STEPS).astype(np.int64) + NORMAL_STEPS  # 0..2046, 11 bits each

@@ -44,7 +44,7 @@ class NamedCamera(Camera):
         256, gt=0, le=MAX_RESOLUTION, description="of a square image, the pixels per side that `focal` and `centre` are in"
     )
     size: tuple[Side, Side] | None = Field(
-        None, description="columns and rows of its images, whatever `render-vision.resolution` is; without it they are square"
+        None, description="columns and rows of its images, regardless of `render-vision.resolution`; by default square"
     )
 
     @model_validator(mode="after")

@@ -8,9 +8,9 @@ Valid range: cameras within 1 km of the origin, at least 1 mm from the point the
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from PIL import Image
-from scipy.ndimage import gaussian_filter
 
 from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.geometry.transforms import compose, invert_similarity, length, solve_3x3, unit_vectors
@@ -49,11 +49,8 @@ def optical_centre(matrix: Array) -> Array:
     return -solve_3x3(matrix[:, :3], matrix[:, 3])
 
 
-def split_projection(matrix: Array) -> tuple[Array, Array]:  # (3, 3), (3, 3)
-    """Split a projection matrix (3, 4) without skew, whose third row measures depth in m, into intrinsic matrix and rotation.
-
-    The rotation is from world to camera, whose axes are x right, y down, z forward.
-    """
+def split_projection(matrix: Array) -> tuple[Array, Array]:  # (3, 3), (3, 3) world to camera: x right, y down, z forward
+    """Split a projection matrix (3, 4) without skew, whose third row measures depth in m, into intrinsic matrix and rotation."""
     forward = matrix[2, :3]
     centre = matrix[:2, :3] @ forward  # column and row of the principal point
     across = matrix[:2, :3] - centre[:, None] * forward
@@ -63,10 +60,7 @@ def split_projection(matrix: Array) -> tuple[Array, Array]:  # (3, 3), (3, 3)
 
 
 def camera_direction(matrix: Array, target: Array) -> Direction:
-    """Compute where the camera of a projection matrix (3, 4) is, seen from a point (3,), world, m.
-
-    The azimuth of a camera straight above or below is that of a camera nearby whose image has the same top.
-    """
+    """Compute where the camera of a matrix (3, 4) is, seen from a point (3,); straight above or below, its image's top has the azimuth."""
     offset = optical_centre(matrix) - target
     distance, across = float(length(offset)), float(np.hypot(offset[0], offset[1]))
     elevation = float(np.arctan2(offset[2], across))
@@ -128,7 +122,7 @@ def transfer_view(
         return image, 1.0
     shrinking = _scale(to_image, (shape[1] / 2, shape[0] / 2))
     if shrinking > 1:
-        image = np.rint(gaussian_filter(image.astype(np.float32), ((shrinking - 1) / 2,) * 2, axes=(0, 1))).astype(np.uint8)
+        image = np.rint(scipy.ndimage.gaussian_filter(image.astype(np.float32), ((shrinking - 1) / 2,) * 2, axes=(0, 1))).astype(np.uint8)
     shown = _warp(np.full(image.shape[:2], 255, np.uint8), to_image, shape, 0)
     return _warp(image, to_image, shape, fill), float(shown.mean() / 255)
 

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from pipeline.contrib.exports.croissant import write_croissant
-from pipeline.contrib.exports.dataset_card import About, Facts, card, facts_of, write_card
+from pipeline.contrib.exports.dataset_card import About, Facts, card, write_card
 from pipeline.contrib.exports.grasp_frames import GraspFrames
 from pipeline.formats.description_file import read_description
 from schemas.touch import TOUCH
@@ -30,7 +30,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def facts(data: Path) -> Facts:
-    return facts_of(data, GraspFrames(data))
+    return Facts(data, GraspFrames(data))
 
 
 def test_card_has_statistics_licences_columns_and_hub_metadata(data: Path, facts: Facts, tmp_path: Path) -> None:

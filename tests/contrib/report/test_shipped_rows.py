@@ -128,7 +128,7 @@ def test_images_are_left_out_if_one_object_was_seen_by_another_camera(data, tmp_
     assert fitting_rows(DataDirectory(data)) == ([f"{DEFAULT}-{way}" for way in WAYS], [])
     rows, reasons = fitting_rows(DataDirectory(copy))
     assert rows == [f"{DEFAULT}-touch"]
-    assert "unoccluded: not all images are from the camera that it knows" in reasons
+    assert any(reason.startswith("unoccluded: not all images are from the camera") for reason in reasons)
 
 
 def test_rows_name_the_test_objects_that_the_network_has_learned_from(data, tmp_path, monkeypatch):
@@ -174,7 +174,7 @@ def test_the_summary_has_three_sentences_and_a_line_of_retrieval(data):
     assert set(found.errors) == {DEFAULT, "shipped"}
     assert list(found.errors["shipped"]) == list(WAYS)
     figures = read_figures(directory.verified_folder("evaluation"))
-    touch = figures[f"{DEFAULT}-touch"].per_case("mean_distance")[:, 0].mean()  # of the first grasp, as the network that ships
+    touch = figures[f"{DEFAULT}-touch"].per_case("mean_distance")[:, 0].mean()  # of the first grasp, as the pretrained network
     assert found.errors[DEFAULT]["touch"].mean == pytest.approx(1e3 * touch)
     assert found.retrieved["touch"] == pytest.approx(1e3 * figures["training object, by touch"].per_object("mean_distance").mean())
     assert found.retrieved["occluded"] == found.retrieved["unoccluded"]  # both by silhouette

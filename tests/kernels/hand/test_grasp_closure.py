@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.hand.grasp_closure import Contact, closure_margin, contact_from_depth, opposition_angle
+from pipeline.kernels.hand.grasp import Contact, closure_margin, contact_from_depth, opposition_angle
 from pipeline.kernels.touch.depth_maps import CONTACT_MARGIN
 from pipeline.kernels.touch.sensor import pixel_centres
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from pipeline.kernels.vision import primitives as module
 from pipeline.kernels.vision.primitives import corner_normals
-from pipeline.kernels.vision.primitives import corner_normals as module
 from tests.kernels.vision.shapes import CENTRE, ball, box, half_turned
 from tests.references.slow_corner_normals import slow_corner_normals
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipeline.kernels.hand.grasp import Grasp
-from pipeline.kernels.hand.grasp_closure import Contact
+from pipeline.kernels.hand.grasp import Contact, Grasp
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
 from pipeline.physics.simulation import Simulation
 from stages.simulate_grasps.grasp_search import Attempt, GraspSearch
