@@ -194,7 +194,7 @@ def test_rows_that_stand_together_are_of_the_same_grasps(data):
     (together,) = (row for row in accuracy(folders).rows if row.cells[0] == "shipped-touch")
     assert row.cells[1:] == together.cells[1:], "the weights are the same, so are the intervals"
     remarks = [table.title for table in evaluation_tables(folders[0], folders[1:]) if not table.columns]
-    assert "All networks and methods with first grasp 0 alone, which each of them has." in remarks
+    assert "All networks and methods with first grasp 0 only, which each of them has." in remarks
 
 
 def accuracy(folders: list[Path]) -> Table:
