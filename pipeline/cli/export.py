@@ -51,6 +51,7 @@ def export(
     entries = {entry.name: entry for entry in plugins.declared("exports")}
     if to not in entries:
         fail(unknown_name("export", to, entries))
+    plugins.check_unique("export", to, [plugins.package_of(entry) for entry in plugins.declared("exports") if entry.name == to])
     write = plugins.load(entries[to], InvalidInput)
     chosen = list(dict.fromkeys(objects or []))
     options = {name: value for name, value in {"objects": chosen, "about": about}.items() if value}

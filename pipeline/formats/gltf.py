@@ -130,11 +130,11 @@ class Document:
         values = self._rows(accessor, count, width, dtype) if "bufferView" in accessor else np.zeros((count, width), dtype)
         if sparse := table(accessor, "sparse"):
             changed, of = whole(sparse, "count"), table(sparse, "indices")
-            places = self._rows(of, changed, 1, COMPONENTS[of["componentType"]])[:, 0]
-            if changed > count or places.dtype.kind != "u" or (changed and places.max() >= count):
+            indices = self._rows(of, changed, 1, COMPONENTS[of["componentType"]])[:, 0]
+            if changed > count or indices.dtype.kind != "u" or (changed and indices.max() >= count):
                 raise InvalidInput(f"accessor {number} of {count} rows has {changed} sparse ones outside it; export it again")
             values = values.copy()
-            values[places] = self._rows(table(sparse, "values"), changed, width, dtype)
+            values[indices] = self._rows(table(sparse, "values"), changed, width, dtype)
         if accessor.get("normalized") and values.dtype.kind != "f":
             return np.maximum(values / np.iinfo(values.dtype).max, -1)
         return values

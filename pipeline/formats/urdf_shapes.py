@@ -41,7 +41,6 @@ def shape_of(
     read: Callable[[Path, Path], Mesh] = load_mesh,  # of a mesh file and the folder that its textures must be in: the package
 ) -> Shape:
     """Read a <visual> or <collision>."""
-
     material = element.find("material")
     (origin, rpy), color = origin_of(element), material_color(material, materials)
     for part in element.findall("geometry/*"):

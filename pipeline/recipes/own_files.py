@@ -20,8 +20,8 @@ from pipeline.formats.file_content import read_file
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.mesh_companions import MAX_BYTES, Companions
 from pipeline.formats.sensor_file import sensor_files, sensor_names
+from pipeline.formats.urdf import parse_urdf
 from pipeline.formats.urdf_shapes import mesh_path
-from pipeline.formats.urdf_xml import parse_urdf
 from pipeline.recipes.recipe import MAX_TEXTS, TEXT_SUFFIXES, Recipe, check_file_name
 from pipeline.store.atomic import refuse_links, write_atomically
 

@@ -48,10 +48,9 @@ class ObservationReader:
         if not grasps:
             raise StageError(f"{object_id}: name at least one grasp")
         config = self.model.config
-        if config.image == "rendering":
-            return stored_observation(open_object(data, observed_arrays(config), object_id, grasps, "viewpoint"), object_id, grasps, config)
         if not config.touch or DataDirectory(data).collection(CHARTS).shards:
-            rows = open_object(data, observed_arrays(config), object_id, grasps)
+            kind = "viewpoint" if config.image == "rendering" else "grasp"
+            rows = open_object(data, observed_arrays(config), object_id, grasps, kind)
             if config.touch and (stored := rows.size("vertices", "vertex")) != config.side**2:
                 raise StageError(
                     f"the touch charts of {data} have {stored} vertices, model {self.model.trained.configuration} takes {config.side**2}; "

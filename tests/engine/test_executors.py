@@ -18,6 +18,7 @@ import dask
 import pytest
 from distributed import Security
 
+from pipeline.cli.failures import AGAIN
 from pipeline.engine import dask_executor
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
@@ -153,7 +154,7 @@ def test_run_stopped_while_its_workers_start_ends_with_one_line(tmp_path, number
         else:
             started.send_signal(number)
         _, message = started.communicate()
-    assert (started.returncode, message) == (status, f"error: {word}; what is finished is kept, run the same command to continue\n")
+    assert (started.returncode, message) == (status, f"error: {word}; {AGAIN}\n")
 
 
 def test_workers_of_a_killed_run_end_in_the_middle_of_an_object(tmp_path):

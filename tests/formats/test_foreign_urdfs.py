@@ -12,8 +12,7 @@ from PIL import Image
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.mesh_reader import load_mesh
-from pipeline.formats.urdf import read_urdf
-from pipeline.formats.urdf_xml import parse_urdf
+from pipeline.formats.urdf import parse_urdf, read_urdf
 from pipeline.kernels.hand.collision_shapes import collision_spheres
 from pipeline.kernels.hand.convex_shapes import MAX_FACES
 from pipeline.kernels.hand.kinematics import forward_kinematics

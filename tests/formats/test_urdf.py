@@ -12,9 +12,8 @@ import trimesh
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
-from pipeline.formats.urdf import ignored_limits, read_urdf
+from pipeline.formats.urdf import ignored_limits, parse_urdf, read_urdf
 from pipeline.formats.urdf_shapes import shape_of
-from pipeline.formats.urdf_xml import parse_urdf
 from pipeline.kernels.hand.model import Hand
 from pipeline.physics.client import PhysicsClient
 from pipeline.physics.hand_urdf import write_hand_urdf

@@ -71,15 +71,6 @@ def test_missing_chart_and_open_seams_are_closed():
     assert mesh.volume == pytest.approx(4 / 3 * np.pi * 1e-3, rel=0.06)
 
 
-def test_crumpled_surface_is_smoothed():
-    crumpled = (JOINED + 0.05 * np.random.default_rng(0).normal(size=JOINED.shape)) * RADII
-    mesh = closed(crumpled)
-    assert np.median(dihedral_angles(crumpled, FACES)) > 30
-    assert np.median(dihedral_angles(mesh.vertices, mesh.faces)) < 8
-    assert mesh.volume == pytest.approx(VOLUME, rel=0.1)
-    assert mesh.area < trimesh.Trimesh(crumpled, FACES).area * 0.9
-
-
 @pytest.mark.parametrize(
     ("charts", "volume"),
     [

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes
+from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import box_gap, choose_postures, finger_conflicts, hand_gap
@@ -46,16 +46,6 @@ def test_fingers_may_touch_where_the_hand_file_allows_it(hand: Hand) -> None:
     index, middle = (np.flatnonzero(hand.link_fingers == finger).tolist() for finger in (0, 1))
     allowed = frozenset((min(a, b), max(a, b)) for a in index for b in middle)
     assert not finger_conflicts(dataclasses.replace(hand, allowed_contacts=allowed), boxes, frames, 0.001).any()
-
-
-def test_choose_postures_without_options_or_boxes(hand: Hand) -> None:
-    boxes = collision_boxes(hand)
-    frames = forward_kinematics(hand, np.eye(4), np.clip(np.zeros((2, 16)), hand.lower, hand.upper))
-    assert not len(choose_postures(hand, boxes, frames=frames, values=np.full((2, 4), -np.inf), gap=0.0))
-    assert not len(choose_postures(hand, boxes, frames=frames[:0], values=np.zeros((0, 4)), gap=0.0))
-    nothing = CollisionBoxes(np.zeros((0, 4, 4)), np.zeros((0, 3)), np.zeros(0, np.intp))
-    picks = choose_postures(hand, nothing, frames=frames, values=np.array([[0.0, 1, 0, 1], [1, 0, 1, 0]]), gap=0.0)
-    assert picks[0].tolist() == [1, 0, 1, 0]
 
 
 def test_box_gap_of_boxes_side_by_side_is_their_distance_or_overlap() -> None:

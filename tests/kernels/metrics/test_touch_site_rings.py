@@ -47,15 +47,6 @@ def test_means_and_counts_of_rings():
     np.testing.assert_array_equal(count, [2, 0, 1, 0])
 
 
-def test_ring_means_without_points_are_zero():
-    far = np.full((10, 3), 100.0)
-    mean, count = ring_means(np.ones(10), ring_indices(far, np.eye(4), WIDTH))
-    assert (mean == 0).all()
-    assert (count == 0).all()
-    mean, count = ring_means(np.zeros(0), ring_indices(np.zeros((0, 3)), np.eye(4), WIDTH))
-    assert mean.shape == count.shape == (5,)
-
-
 @pytest.mark.parametrize(
     ("points", "pose", "width", "message"),
     [

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, MapGrid
+from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder
 
 TABLES_7_TO_9 = [*[(16, s) for s in (127, 125, 123, 121, 119)], *[(32, s) for s in (59, 57, 55, 53, 51)]]
 TABLES_7_TO_9 += [*[(64, s) for s in (25, 23, 21, 19, 17)], *[(128, s) for s in (8, 6, 4)]]
@@ -60,13 +60,6 @@ def test_receptive_fields_are_centred_on_the_grid(layers: int, kernel: int) -> N
             found = [float((weight.sum(dim=axis) * centres).sum() / weight.sum()) for axis in (0, 1)]
             assert found == pytest.approx([grid.start + grid.jump * column, grid.start + grid.jump * row], abs=1e-4)
     assert whole == len(plan.taps) if plan.shrinks else whole >= 2
-
-
-def test_map_grids_follow_the_recursion() -> None:
-    grid = MapGrid().after(kernel=3, stride=2, padding=0)
-    assert grid == MapGrid(start=1.5, jump=2)
-    assert grid.after(kernel=5, stride=2, padding=1) == MapGrid(start=3.5, jump=4)
-    assert MapGrid().after(kernel=3, stride=2, padding=1) == MapGrid(start=0.5, jump=2)
 
 
 def test_encoder_rejects_images_of_four_channels() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.kernels.networks.local_network import integrate_slopes, surface_slopes
+from pipeline.kernels.networks.local_network import integrate_slopes
 from tests.references.slow_slopes import integrate_slowly
 
 
@@ -13,15 +13,6 @@ def test_surface_equals_that_of_a_sparse_solver(shape: tuple[int, int]) -> None:
     slopes = np.random.default_rng(0).normal(size=(2, *shape))
     surface = integrate_slopes(torch.tensor(slopes)[None], (0.3, 0.7))[0].numpy()
     np.testing.assert_allclose(surface, integrate_slowly(slopes, (0.3, 0.7)), rtol=0, atol=1e-12)
-
-
-def test_smooth_bump_is_recovered_from_its_slopes() -> None:
-    y, x = np.mgrid[-1:1:81j, -1:1:61j]
-    bump = np.exp(-8 * (x**2 + y**2))
-    depth = torch.tensor(bump)[None]
-    pitch = (2 / 80, 2 / 60)
-    surface = integrate_slopes(surface_slopes(depth, pitch), pitch)
-    assert float((surface - depth).abs().max()) < 0.01
 
 
 def test_gradient_equals_finite_differences() -> None:

@@ -117,23 +117,16 @@ def test_unusable_settings_are_named(assignment, message):
         resolve("simulate-presses", "standard", [f"simulate-presses.{assignment}"])
 
 
-def test_press_deeper_than_the_gel_is_refused_before_the_run(surfaces):
-    with pytest.raises(StageError, match=r"depth goes to 0.005 m, the gel of gelsight is 0.004 m thick; press less deep"):
-        run_stage(surfaces, "simulate-presses", manifest(), "simulate-presses.depth=[0.001, 0.005]")
-
-
-def test_key_covers_the_sensor(tmp_path):
+@pytest.mark.parametrize(
+    ("assignments", "words"),
+    [
+        (["depth=[0.001, 0.005]"], "0.005 m, the gel of gelsight is 0.004 m thick"),
+        (["sensor=gel_16mm", "gel=[0.5, 2]"], "gel_16mm has neither membrane nor gel"),
+        (["sensor={soft}", "gel=[0.02, 2]"], "0.000136 m thick.*; begin gel at 0.06"),  # 6.8 mm, in cells of a third of a millimetre
+    ],
+)
+def test_gel_that_cannot_be_pressed_so_is_refused_before_the_run(surfaces, tmp_path, assignments, words):
     soft = elastic_sensor(tmp_path)
-    settings = resolve("simulate-presses", "standard", [SENSOR.format(soft)])
-    assert SimulatePresses().assets(settings) == [soft]
-
-
-def test_factor_of_a_gel_without_membrane_is_refused(surfaces):
-    with pytest.raises(StageError, match=r"gel is \[0.5, 2.0\], but gel_16mm has neither membrane nor gel to scale; unset gel"):
-        run_stage(surfaces, "simulate-presses", manifest(), "simulate-presses.sensor=gel_16mm", "simulate-presses.gel=[0.5, 2]")
-
-
-def test_gel_scaled_thinner_than_the_cells_of_its_contact_is_refused(surfaces, tmp_path):
-    worn = SENSOR.format(elastic_sensor(tmp_path))  # 6.8 mm thick, in cells of a third of a millimetre
-    with pytest.raises(StageError, match=r"gel begins at 0.02: the elastic gel of soft would be 0.000136 m thick.*; begin gel at 0.06"):
-        run_stage(surfaces, "simulate-presses", manifest(), *SMALL, worn, "simulate-presses.gel=[0.02, 2]")
+    assert SimulatePresses().assets(resolve("simulate-presses", "standard", [SENSOR.format(soft)])) == [soft]
+    with pytest.raises(StageError, match=words):
+        run_stage(surfaces, "simulate-presses", manifest(), *SMALL, *(f"simulate-presses.{text.format(soft=soft)}" for text in assignments))
