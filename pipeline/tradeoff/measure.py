@@ -91,9 +91,7 @@ def stages_before(stage: str, setup: Setup) -> list[str]:
 
 def trade_key(stage: str, setup: Setup) -> str:
     """Hash what a stage's figures depend on, apart from the machine and the sample: code, settings and description files."""
-    declaration = f"{type(load_stage(stage)).__module__.rpartition('.')[0]}.trade"
-    parts = dependencies((*stages_before(stage, setup), stage), setup)
-    return digest.of_json({**parts, "seed": setup.seed, "trade": keys.sources_hash(declaration)})
+    return digest.of_json({**dependencies((*stages_before(stage, setup), stage), setup), "seed": setup.seed})
 
 
 def dependencies(stages: Sequence[str], setup: Setup) -> dict[str, Any]:
