@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TextIO
+from typing import Any, Protocol, SupportsFloat, TextIO
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
@@ -134,7 +134,7 @@ def cell_text(cell: Cell, form: str = "") -> str:
         return "–"
     if isinstance(cell, tuple):
         return " / ".join(cell_text(part, form) for part in cell)
-    if isinstance(cell, int | float):
+    if isinstance(cell, SupportsFloat):  # NumPy's numbers too
         return f"{cell:{form}}"
     ends = f"\n({cell.low:{form}}–{cell.high:{form}})" if math.isfinite(cell.low) and math.isfinite(cell.high) else ""
     return f"{cell.mean:{form}}{ends}"

@@ -30,7 +30,7 @@ def objects_of(held: list[list[bool]], diagonals: list[float], directions: list[
     return Tally(
         [np.ones((each, 2), bool)] * count,
         [np.ones(2)] * count,
-        hold_measures=[np.array([[50.0, 120.0, 0.3]] * each)] * count,
+        hold_measures=[np.array([[50.0, 120.0, 0.3]] * each, np.float32)] * count,
         held=[np.array(own) for own in held],
         held_directions=[np.array(own) for own in directions or []],
         diagonals=diagonals,
@@ -47,7 +47,9 @@ def test_share_of_held_grasps_is_reported_by_class_and_size():
         ["all", "3", "6", "2.00", "50.0"],
     ]
     assert [by_size.text(row) for row in by_size.rows] == [["10 cm", "2", "4", "2.00", "75.0"], ["30 cm", "1", "2", "2.00", "0.0"]]
-    assert [table for table in touch_tables(tallies, ["left", "right"], paper=False) if "hold" in table.title] == [by_class]
+    tables = touch_tables(tallies, ["left", "right"], paper=False)
+    assert [table for table in tables if "hold" in table.title] == [by_class]
+    assert [table.text(table.rows[0]) for table in tables if table.title == "Contacts"] == [["duck", "50", "100.0", "100.0"]]
     untested = {"mug": Tally([np.ones((2, 2), bool)], [np.ones(2)])}
     assert not hold_tables(untested)
 
