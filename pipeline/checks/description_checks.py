@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from matplotlib.figure import Figure
 
 from pipeline.checks.hand_check import check_hand
@@ -65,10 +64,7 @@ def _path_of(name: str) -> Path:
 
 
 def _kind_of(path: Path) -> str:
-    try:
-        content: Any = read_yaml(path)
-    except (ValueError, yaml.YAMLError) as error:
-        raise InvalidInput(f"{path} cannot be read as YAML: {error}") from error
+    content: Any = read_yaml(path)
     matches = {kind: len(entries & set(content)) for kind, entries in ENTRIES.items()} if isinstance(content, dict) else {}
     if not any(matches.values()):
         hints = "; ".join(f"a{'n' * (kind == 'observation')} {kind} has {', '.join(sorted(entries))}" for kind, entries in ENTRIES.items())

@@ -53,7 +53,7 @@ def tradeoff(
 
     stage_names = tuple(stages or DATASET)
     if strange := [name for name in stage_names if name not in TRADED]:
-        fail(unknown_name("trade", strange[0], TRADED))
+        fail(unknown_name("stage", strange[0], TRADED))
     if until not in (None, "evaluate"):
         fail(f"--until {until}: only evaluate ends a pipeline")
     if until and stages:

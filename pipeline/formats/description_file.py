@@ -69,11 +69,9 @@ def _similar_file(path: Path) -> Path | None:
 def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
     """Read and validate a description file; the message names the file and every entry that is missing, unknown or unusable."""
     try:
-        return model.model_validate(read_yaml(path))
+        return model.model_validate(read_yaml(path, f"{kind} file"))
     except ValidationError as error:
         raise InvalidInput(f"{kind} file {path}: {invalid_entries(error, entry_names(model))}. {entries_of(model)}") from error
-    except (ValueError, yaml.YAMLError) as error:
-        raise InvalidInput(f"{kind} file {path} cannot be read as YAML: {error}") from error
 
 
 def entries_of(model: type[BaseModel]) -> str:
@@ -81,16 +79,30 @@ def entries_of(model: type[BaseModel]) -> str:
     return "Its entries are " + ", ".join(field.alias or name for name, field in model.model_fields.items() if not field.exclude)
 
 
-def read_yaml(path: Path) -> Any:
+def read_yaml(
+    path: Path,
+    kind: str = "",  # of file, for messages
+) -> Any:
     """Read a YAML file; see `parse_yaml`."""
-    return parse_yaml(read_text(path, MAX_BYTES))
+    return parse_yaml(read_text(path, MAX_BYTES), f"{kind} {path}".lstrip())
 
 
-def parse_yaml(text: str) -> Any:
+def parse_yaml(
+    text: str,
+    source: str,  # its file, for messages
+) -> Any:
     """Parse YAML without aliases, which make the size of what is read unbounded, and without tags such as `!!float`.
 
-    A `ValueError` or `YAMLError` says what it has of these, or that it is too large, too deep or no YAML.
+    An `InvalidInput` says what it has of these, or that it is too large, too deep or no YAML.
     """
+    try:
+        return _parse(text)
+    except (ValueError, yaml.YAMLError) as error:
+        reason = ", ".join(line.strip() for line in str(error).replace('in "<unicode string>", ', "").splitlines())
+        raise InvalidInput(f"{source} cannot be read as YAML: {reason}") from error
+
+
+def _parse(text: str) -> Any:
     if len(text) > MAX_BYTES:
         raise ValueError(f"it has {len(text)} characters; {MAX_BYTES} are the most that are read")
     depth = 0

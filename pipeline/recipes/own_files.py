@@ -11,8 +11,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from pipeline.console import NAMED, pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import Kind, description_path, read_yaml, shipped_files, texts_in
@@ -138,7 +136,7 @@ def _outside(file: Path, parts: tuple[str, ...]) -> Iterator[str]:
     """List paths in a file that lie outside the folder `len(parts)` levels above it: a reader of the YAML could open them."""
     try:
         content = read_yaml(file)
-    except (ValueError, yaml.YAMLError, RecursionError):
+    except (InvalidInput, RecursionError):
         return
     if not isinstance(content, dict):
         return

@@ -178,11 +178,8 @@ class Recipe(BaseModel):
 
 def read_recipe(path: Path) -> Recipe:
     """Read a recipe; an `InvalidInput` names the file and every entry that cannot be used, or was changed since."""
-    try:
-        head, _, lines = read_text(path, MAX_BYTES).replace("\r\n", "\n").partition(OBJECTS)  # as git may write it on Windows
-        content = parse_yaml(head)
-    except (ValueError, yaml.YAMLError) as error:
-        raise InvalidInput(f"recipe {path} cannot be read as YAML: {error}") from error
+    head, _, lines = read_text(path, MAX_BYTES).replace("\r\n", "\n").partition(OBJECTS)  # as git may write it on Windows
+    content = parse_yaml(head, f"recipe {path}")
     if not isinstance(content, dict) or "recipe" not in content:
         raise InvalidInput(f"{path} is no recipe: it has no entry `recipe`; `vt-pipeline recipe DATA > FILE` writes one")
     if content["recipe"] != 1:

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 from scipy.ndimage import uniform_filter
@@ -216,20 +215,12 @@ class RobotObservation(Entries):
     __str__ = __repr__
 
 
-def read_entries(path: Path) -> Any:
-    """Read the entries of an observation file, and no file that they name; an `InvalidInput` if it is missing or no YAML."""
-    try:
-        return read_yaml(path)
-    except (ValueError, yaml.YAMLError) as error:
-        raise InvalidInput(f"observation file {path} cannot be read as YAML: {error}") from error
-
-
 def read_observation(path: Path) -> tuple[RobotObservation | None, str, set[str]]:
     """Read an observation file with the files that it names, relative to its folder.
 
     Returns the observation of its valid entries, if they are one; a text that lists all invalid ones; and their names.
     """
-    entries, context = read_entries(path), {"folder": path.parent}
+    entries, context = read_yaml(path, "observation file"), {"folder": path.parent}
     try:
         return RobotObservation.model_validate(entries, context=context), "", set()
     except ValidationError as error:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.console import Meter, errors, pluralise
 from pipeline.errors import InvalidInput, StageError
+from pipeline.formats.description_file import read_yaml
 from pipeline.kernels.geometry.closed_surface import RESOLUTION
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.kernels.vision.view_transfer import foreground
@@ -21,7 +22,7 @@ from pipeline.reconstruct.mesh_files import ClosedMesh, check_output, write_char
 from pipeline.reconstruct.network_error import error_note
 from pipeline.reconstruct.object_location import turn_to_z
 from pipeline.reconstruct.observation_checks import check
-from pipeline.reconstruct.observation_file import RobotObservation, read_entries
+from pipeline.reconstruct.observation_file import RobotObservation
 from pipeline.reconstruct.observation_placement import Placement, describe_object, place_observation
 from pipeline.reconstruct.observation_reader import ObservationReader, object_mask
 from pipeline.store.directory import DataDirectory
@@ -134,7 +135,7 @@ def predict(
     """
     check_output(out)
     if isinstance(source, Path):
-        read_entries(source)  # before networks are read, which takes longer
+        read_yaml(source, "observation file")  # before networks are read, which takes longer
     data = source.data if isinstance(source, StoredGrasps) else None
     options = options or PredictOptions()
     with Meter(errors, "predict", 3, "steps", after=1.0) as meter:

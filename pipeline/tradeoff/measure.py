@@ -110,7 +110,7 @@ def dependencies(stages: Sequence[str], setup: Setup) -> dict[str, Any]:
 
 def _declared(stage: str) -> Trade:
     if stage not in TRADED:
-        raise InvalidInput(unknown_name("trade", stage, TRADED))
+        raise InvalidInput(unknown_name("stage", stage, TRADED))
     return load_trade(stage)
 
 

@@ -100,11 +100,12 @@ def test_missing_description_lists_the_shipped_ones() -> None:
         ("a: &x [1]\nb: *x", "has an alias"),
         ("[" * 99, "nested"),
         ("a: {unit: mm, up: 1, unit: m}", "its entry unit is there twice"),
+        ("a: [", r"^a\.yaml cannot be read as YAML: while parsing .*, line 2, column 1$"),  # in one line
     ],
 )
 def test_aliases_tags_deep_nesting_and_duplicate_entries_are_refused(text: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        parse_yaml(text)
+    with pytest.raises(InvalidInput, match=message):
+        parse_yaml(text, "a.yaml")
 
 
 @pytest.mark.parametrize(

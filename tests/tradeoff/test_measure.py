@@ -156,7 +156,7 @@ def test_stages_before_are_those_whose_outputs_are_read(tmp_path: Path) -> None:
 
 
 def test_stage_without_a_trade_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="unknown trade evaluate; choose from sample-surfaces"):
+    with pytest.raises(InvalidInput, match="unknown stage evaluate; choose from sample-surfaces"):
         measure_trade("evaluate", setup(tmp_path), limit=1, deadline=LATER, console=console)
 
 

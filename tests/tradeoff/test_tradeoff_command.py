@@ -45,7 +45,7 @@ def test_tradeoff_measures_draws_and_prints(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["tradeoff", "evaluate"], "unknown trade evaluate; choose from sample-surfaces"),
+        (["tradeoff", "evaluate"], "unknown stage evaluate; choose from sample-surfaces"),
         (["tradeoff", "--until", "train-gcn"], "--until train-gcn: only evaluate ends a pipeline"),
         (["tradeoff", "--data", "s3://bucket/x"], "measure into a folder on this machine"),
         (["advise"], "give either --within or --error"),
