@@ -239,8 +239,8 @@ def objects(count: int, splits: Sequence[str] = ("test",)) -> list[Object]:
 
 
 @cache
-def _made(count: int, splits: tuple[str, ...], ungrasped: str, shards: int) -> Path:
-    """Make a dataset in a folder that lasts as long as this process."""
+def _made(count: int, splits: tuple[str, ...], ungrasped: str, shards: int, _: Callable[..., np.ndarray]) -> Path:
+    """Make a dataset in a folder that lasts as long as this process; another one if a test replaces `touched`, the last parameter."""
     folder = Path(tempfile.mkdtemp(prefix="balls-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     for stage in stages():
@@ -254,7 +254,7 @@ def make_data(data: Path, count: int, splits: Sequence[str] = ("test",), ungrasp
 
     The balls `ungrasped` fail in simulate-grasps.
     """
-    shutil.copytree(_made(count, tuple(splits), ungrasped, shards), data, dirs_exist_ok=True)
+    shutil.copytree(_made(count, tuple(splits), ungrasped, shards, touched), data, dirs_exist_ok=True)
 
 
 def make_model(data: Path, name: str, *, still: bool = False, training_seed: int = 0) -> Path:
