@@ -9,10 +9,7 @@ from pydantic.dataclasses import dataclass
 
 Dtype = Literal["float64", "float32", "int32", "uint8", "bool", "string"]
 
-FIXED = {
-    **{"xyz": 3, "rgb": 3, "rgba": 4, "uv": 2, "corner": 3, "pose_row": 4, "pose_column": 4, "image_axis": 3, "homogeneous": 4},
-    "direction": 6,  # in which an object is pulled
-}
+FIXED = {"xyz": 3, "rgb": 3, "rgba": 4, "uv": 2, "corner": 3, "pose_row": 4, "pose_column": 4, "image_axis": 3, "homogeneous": 4}
 """Dimensions whose size is the same everywhere; every other size belongs to a dataset, and is the same in all its shards."""
 
 

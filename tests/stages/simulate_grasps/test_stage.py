@@ -17,7 +17,7 @@ from pipeline.kernels.geometry.mesh_cleaning import normalise_mesh
 from pipeline.physics.motion import is_held
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
-from schemas.base import COMMON
+from schemas.base import COMMON, FIXED
 from schemas.grasps import GRASPS
 from stages.simulate_grasps.stage import GraspSettings, SimulateGrasps
 from tests.kernels.hand.meshes import bar, centred, points_on
@@ -35,7 +35,7 @@ def test_row_has_the_arrays_of_the_schema(hold_test: str) -> None:
     settings = SETTINGS.model_copy(update={"attempts": 3, "grasps": 2, "hold_test": hold_test})
     with SimulateGrasps().session(settings, {}) as process:
         row = process(*unit_of(bar(), *points_on(bar(), 1000, seed=3)))
-    sizes = {"grasp": 2, "sensor": 4, "joint": 16, "pose_row": 4, "pose_column": 4, "xyz": 3, "direction": 6 if hold_test == "six" else 1}
+    sizes = {"grasp": 2, "sensor": 4, "joint": 16, "direction": 6 if hold_test == "six" else 1, **FIXED}
     declared = {name: array for name, array in GRASPS.arrays.items() if name not in COMMON and array.dims[0] == "object"}
     lift = {"held", "hold_distance", "hold_speed"}
     tested = {"none": set(), "lift": lift, "six": lift | {"held_directions"}}[hold_test]
