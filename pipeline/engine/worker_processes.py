@@ -28,6 +28,9 @@ CLOSE_SECONDS = 10.0
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 """Environment of workers: each has a core."""
 
+NO_LEAKS = {"PYTHONWARNINGS": "ignore:resource_tracker:UserWarning"}
+"""Environment of Python's tracker, which releases semaphores that libraries have in a worker when it is killed, and warns of them."""
+
 
 class WorkerProcesses(Executor):
     """Worker processes that each process one object after the other; none is started before the first unit."""
@@ -126,7 +129,7 @@ class _Worker:
         context = multiprocessing.get_context("spawn")
         self.connection, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
-        with theirs, _environment(ONE_THREAD | {"TMPDIR": str(folder)}), ThreadPoolExecutor(1) as thread:
+        with theirs, _environment(ONE_THREAD | NO_LEAKS | {"TMPDIR": str(folder)}), ThreadPoolExecutor(1) as thread:
             thread.submit(self._start).result()  # this thread receives Ctrl-C, which thus interrupts no start halfway
 
     def _start(self) -> None:

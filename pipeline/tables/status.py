@@ -87,7 +87,7 @@ def read_account(data: Location, jobs: Callable[[], Mapping[str, dict[str, Any]]
     account = Account(garbage=sum(_megabytes(files_below(path)) for path in all_unreferenced(directory)))
     with account.unless_unreadable():
         account.jobs.update(jobs())
-    if not (list_folder(data) or (folder and folder.is_dir()) or account.jobs or account.damaged or account.other_versions):
+    if not (folder.is_dir() if folder else list_folder(data) or account.jobs or account.damaged or account.other_versions):
         raise StoreError(f"{data.resolve()} is not a data directory; make one with `vt-pipeline run`, or name another")
     for name in directory.artifact_names():
         with account.unless_unreadable():

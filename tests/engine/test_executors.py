@@ -1,6 +1,7 @@
 """Workers that die, hang or cannot start, full disks and unreachable schedulers."""
 
 import errno
+import multiprocessing
 import os
 import resource
 import signal
@@ -47,6 +48,15 @@ class DiesOpening(MakeNoise):
                 self.flag.touch()
             os.kill(os.getpid(), signal.SIGKILL)
         with super().session(settings, models) as process:
+            yield process
+
+
+class HoldsLock(MakeNoise):
+    """Has a semaphore, as some libraries do."""
+
+    @contextmanager
+    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
+        with multiprocessing.get_context("spawn").Lock(), super().session(settings, models) as process:
             yield process
 
 
@@ -130,6 +140,17 @@ def test_closing_at_once_ends_workers_in_the_middle_of_an_object(tmp_path):
     executor.close(at_once=True)
     assert processes
     assert not any(process.is_alive() for process in processes)
+
+
+def test_semaphores_of_killed_workers_are_released_without_a_warning(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from tests.engine.test_executors import *\nif __name__ == '__main__':\n"
+        "    work, units = work_of(Path(sys.argv[1]), HoldsLock())\n    executor = WorkerProcesses()\n"
+        "    next(executor.run(work, units))\n    executor.close(at_once=True)\n"
+    )
+    ended = subprocess.run([sys.executable, script, tmp_path / "data"], capture_output=True, text=True, check=True)
+    assert ended.stderr == ""
 
 
 def _workers(process: int) -> list[int]:
