@@ -22,7 +22,7 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.models.model_files import DESCRIPTION, WEIGHTS, read_description, read_weights
 from pipeline.models.shipped_weights import card_path, read_card
 from pipeline.recipes.recipe import read_recipe
-from pipeline.reconstruct.observation_file import read_entries
+from pipeline.reconstruct.observation_file import read_observation
 from pipeline.store.storage import read_bytes
 from stages.sample_surfaces import SampleSurfaces, SurfaceSettings
 
@@ -43,7 +43,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "depth.png": read_depth,
     "depth.npy": read_depth,
     "sensor.yaml": load_sensor,
-    "observation.yaml": read_entries,
+    "observation.yaml": read_observation,
     "manifest.yaml": lambda path: load_manifest(str(path)),
     "recipe.yaml": read_recipe,
     "hand.urdf": parse_urdf,
