@@ -47,6 +47,7 @@ def test_every_stage_of_the_sandbox_has_an_output(tmp_path):
     assert len({sandbox.output(stage) for stage in sandbox.stages}) == len(sandbox.stages)
 
 
+@pytest.mark.slow
 def test_a_few_mutated_files_give_clear_errors():
     command = [sys.executable, "-m", "checks.fuzz", "--inputs", "25"]
     completed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
