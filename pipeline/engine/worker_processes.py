@@ -5,9 +5,9 @@ import os
 import signal
 import threading
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from functools import cached_property
 from multiprocessing import resource_tracker, util
 from multiprocessing.connection import Connection, wait
@@ -20,7 +20,7 @@ from pipeline.engine.unit import Unit
 from pipeline.engine.worker import TRIES, close_session, crash_reason, opening_error, pack, process_unit
 from pipeline.errors import StageError
 from pipeline.store.rows import Result
-from pipeline.store.temporary import temporary_folder
+from pipeline.store.temporary import environment, temporary_folder
 
 CLOSE_SECONDS = 10.0
 """Time limit for a worker to close its session."""
@@ -129,7 +129,7 @@ class _Worker:
         context = multiprocessing.get_context("spawn")
         self.connection, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
-        with theirs, _environment(ONE_THREAD | NO_LEAKS | {"TMPDIR": str(folder)}), ThreadPoolExecutor(1) as thread:
+        with theirs, environment(ONE_THREAD | NO_LEAKS | {"TMPDIR": str(folder)}), ThreadPoolExecutor(1) as thread:
             thread.submit(self._start).result()  # this thread receives Ctrl-C, which thus interrupts no start halfway
 
     def _start(self) -> None:
@@ -164,19 +164,6 @@ class _Worker:
         self.process.kill()
         self.process.join()
         self.connection.close()
-
-
-@contextmanager
-def _environment(changes: Mapping[str, str]) -> Iterator[None]:
-    """Change environment variables for a moment: a process that is started meanwhile inherits them."""
-    before = {name: os.environ[name] for name in changes.keys() & os.environ.keys()}
-    os.environ.update(changes)
-    try:
-        yield
-    finally:
-        for name in changes:
-            del os.environ[name]
-        os.environ.update(before)
 
 
 def _serve(connection: Connection) -> None:

@@ -1,11 +1,11 @@
-"""Temporary folders that other users cannot read, and local copies of folders in object storage."""
+"""Temporary folders that other users cannot read, local copies of folders in object storage, and temporary environment variables."""
 
 import fcntl
 import os
 import shutil
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from threading import Event, Thread
@@ -116,3 +116,16 @@ def _send_changed(local: Path, folder: Location, sent: dict[str, File]) -> None:
     changed = [name for name, file in files.items() if sent.get(name) != file]
     copy(local, folder, changed)
     sent.update({name: files[name] for name in changed})
+
+
+@contextmanager
+def environment(changes: Mapping[str, str]) -> Iterator[None]:
+    """Change environment variables for a moment: a process that is started meanwhile inherits them."""
+    before = {name: os.environ[name] for name in changes.keys() & os.environ.keys()}
+    os.environ.update(changes)
+    try:
+        yield
+    finally:
+        for name in changes:
+            del os.environ[name]
+        os.environ.update(before)

@@ -1,11 +1,12 @@
 """An off-screen OpenGL context made by EGL, with or without a graphics card, and pyrender's renderer in it."""
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from importlib import import_module, resources
 from pathlib import Path
 from typing import Any
+
+from pipeline.store.temporary import environment
 
 PACKAGES = "libegl1 libgl1 libxrender1 libgl1-mesa-dri"
 """Debian's and Ubuntu's names of the system libraries that headless rendering needs."""
@@ -37,7 +38,8 @@ class OpenGLContext:
     def __init__(self, resolution: int) -> None:
         """Open a context for square images of `resolution` pixels per side."""
         try:
-            with _environment():
+            # PyOpenGL reads these on import and Mesa in its first context; the user's platform is kept
+            with environment({PLATFORM: os.environ.get(PLATFORM, "egl"), **SAME_ON_EVERY_PROCESSOR}):
                 _load_triton()
                 import pyrender
                 from OpenGL import EGL
@@ -81,20 +83,6 @@ def _load_triton() -> None:
     """Load torch's compiler if it is installed: its LLVM and Mesa's share symbols, and only its own work for it."""
     with suppress(ImportError):
         import_module("triton")
-
-
-@contextmanager
-def _environment() -> Iterator[None]:
-    """Set the variables that PyOpenGL reads on import and Mesa in its first context; keep the user's platform."""
-    values = {PLATFORM: os.environ.get(PLATFORM, "egl"), **SAME_ON_EVERY_PROCESSOR}
-    previous = {name: os.environ[name] for name in values if name in os.environ}
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        for name in values:
-            del os.environ[name]
-        os.environ.update(previous)
 
 
 def _make_renderer(pyrender: Any, resolution: int) -> Any:
