@@ -25,7 +25,7 @@ from pipeline.reconstruct.observation_checks import check
 from pipeline.reconstruct.predict import PredictOptions, predict
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory, is_version
-from pipeline.store.publish import FolderOutput
+from pipeline.store.publish import commit_folder
 from pipeline.store.record import FolderRecord
 
 NAME, PIXELS = "occluded-touch", 16
@@ -120,4 +120,4 @@ def _publish(models: Path, name: str, folder: Path) -> None:
         seconds=1.0,
         files=hashes_of(folder),
     )
-    FolderOutput(DataDirectory(models), name).commit(folder, record)
+    commit_folder(DataDirectory(models), name, folder, record)

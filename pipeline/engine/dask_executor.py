@@ -11,10 +11,8 @@ from distributed import CancelledError, Client, Future, KilledWorker, Security, 
 from distributed.comm import parse_address, parse_host_port
 from distributed.comm.registry import get_backend
 
-from pipeline.engine.executor import Executor
-from pipeline.engine.session import Work, record_crash
-from pipeline.engine.unit import Unit
-from pipeline.engine.worker import crash_reason, opening_error, pack, process_unit
+from pipeline.engine.executor import Executor, Work, opening_error, pack, process_unit, record_crash
+from pipeline.engine.stage import Unit
 from pipeline.errors import StageError
 from pipeline.store.rows import Result
 
@@ -65,7 +63,7 @@ class Dask(Executor):
                 try:
                     result = future.result()
                 except KilledWorker:
-                    result = record_crash(work, unit, crash_reason(limit, time.monotonic() - began >= limit))
+                    result = record_crash(work, unit, timed_out=time.monotonic() - began >= limit)
                 yield result
 
     def _workers(self) -> int:
@@ -77,8 +75,7 @@ class Dask(Executor):
         except OSError as error:
             raise StageError(f"Dask's scheduler or its workers are gone ({error}); what is finished is kept, run again") from error
 
-    def close(self, *, at_once: bool) -> None:
-        """Disconnect."""
+    def __exit__(self, *_: object) -> None:
         if client := self.__dict__.pop("_client", None):
             client.close()
 

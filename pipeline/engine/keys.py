@@ -3,7 +3,7 @@
 import ast
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from contextlib import suppress
 from functools import cache
 from importlib import util
@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 from pipeline.config.sources import fingerprint, modelled
 from pipeline.store import digest
 from pipeline.store.atomic import write_atomically
-from pipeline.store.rows import Row
 from pipeline.store.storage import read_bytes
 
 OURS = ("pipeline", "stages", "schemas")
@@ -155,22 +154,3 @@ def source_key(source: dict[str, Any]) -> dict[str, Any]:
     """Describe an object's source for its key: by the content of its files, or the code that models it."""
     code = {"code": sources_hash(modelled(source).module(source))} if "kind" in source else {}
     return {**fingerprint(source), **code}
-
-
-def object_key(stage_key: str, object_id: str, category: str, inputs: Any) -> str:
-    """Compute the key of one object's row: from its stage's key, the object, and its inputs (a source's key, or rows' digests)."""
-    return digest.of_json({"stage": stage_key, "object": object_id, "category": category, "inputs": inputs})
-
-
-def shard_key(
-    rows: Iterable[tuple[str, str]],  # key and split of each
-    number: int,
-    shards: int,
-    manifest: str,
-    missing: Sequence[str],  # objects that the shard lacks
-    labels: Row | None,  # of dimensions, from its inputs
-) -> str:
-    """Compute the key of a shard from its rows and what else its group holds."""
-    lacks = {"missing": list(missing)} if missing else {}
-    labelled = {"labels": digest.of_arrays(labels)} if labels else {}
-    return digest.of_json({"rows": list(rows), "shard": [number, shards], "manifest": manifest, **lacks, **labelled})

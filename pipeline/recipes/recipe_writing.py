@@ -112,7 +112,7 @@ def _check_current(request: Request[ObjectStage]) -> None:
     """Raise a `StoreError` for rows that are incomplete or were made by other code or from other files."""
     for plan in plans(request):
         if not plan.up_to_date():
-            if (record := plan.output.record) is None:
+            if (record := plan.record) is None:
                 raise StoreError(f"{plan.path} has not been made; run {request.stage.name} for all shards, then write the recipe")
             version = record.versions.get("vt-pipeline")
             raise StoreError(

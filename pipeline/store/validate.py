@@ -4,7 +4,7 @@ from collections.abc import Container, Iterable, Iterator
 from contextlib import suppress
 
 import numpy as np
-from pydantic_zarr.v3 import GroupSpec
+from pydantic_zarr.v3 import ArraySpec, GroupSpec
 
 from pipeline.console import abbreviate, pluralise
 from pipeline.errors import StoreError
@@ -97,13 +97,15 @@ def _shard_problems(shard: Shard) -> Iterator[str]:
     with shard.errors_as_damage("metadata cannot be read"):
         for name in filter(shard.has, shard.artifact.arrays):
             shard.group.get(name)  # one after the other: if two fail concurrently, asyncio prints the second traceback
-        violations = list(schema_violations(shard.artifact, GroupSpec.from_zarr(shard.group)))
+        members = GroupSpec.from_zarr(shard.group).to_flat()
+    arrays = {path.removeprefix("/"): member for path, member in members.items() if isinstance(member, ArraySpec)}
+    violations = list(schema_violations(shard.artifact, arrays))
     if violations:
         yield from (f"{line}; {shard.remedy}" for line in violations)
         return
     shard.check_arrays()
-    arrays = shard.artifact.arrays
-    constants = {name: shard.read(name) for name in arrays if shard.has(name) and not arrays[name].per_object}
+    declared = shard.artifact.arrays
+    constants = {name: shard.read(name) for name in declared if shard.has(name) and not declared[name].per_object}
     if digest.of_arrays(constants) != shard.record.constants_digest:
         yield f"{', '.join(constants)}: differs from what was written (digest); {shard.remedy}"
     common = {name: shard.read(name) for name in COMMON}

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.dataset.grasps import grasp_row
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.engine.stage import Inputs
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Inputs, Unit
 from pipeline.errors import InvalidInput
 from pipeline.kernels.hand.grasp import Grasp
 from pipeline.physics.hold_test import DOWN, HOLD_TESTS, HoldTest

@@ -11,7 +11,7 @@ import zarr
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Unit
 from pipeline.errors import StoreError
 from pipeline.store import garbage
 from pipeline.store.directory import DataDirectory
@@ -64,8 +64,8 @@ def group(data: Path) -> Path:
 def test_a_damaged_row_file_is_made_again(tmp_path, damage, options):
     leave_row(request(tmp_path), "c")
     plan = plan_of(request(tmp_path))
-    assert plan.output.shard is None, "the others are missing"
-    file = plan.output.rows.path("c", plan.units[2].key)
+    assert plan.shard is None, "the others are missing"
+    file = plan.rows.path("c", plan.units[2].key)
     file.write_bytes(damage(file.read_bytes()))
     assert run(request(tmp_path, **options)) == 5
 
@@ -73,16 +73,16 @@ def test_a_damaged_row_file_is_made_again(tmp_path, damage, options):
 def test_a_row_file_of_another_object_is_not_published(tmp_path):
     leave_row(request(tmp_path), "c")
     plan = plan_of(request(tmp_path))
-    copied = plan.output.rows.path("d", plan.units[3].key)
+    copied = plan.rows.path("d", plan.units[3].key)
     copied.parent.mkdir()
-    shutil.copy(plan.output.rows.path("c", plan.units[2].key), copied)
+    shutil.copy(plan.rows.path("c", plan.units[2].key), copied)
     assert run(request(tmp_path)) == 4
 
 
 def test_flipped_bit_in_a_row_file_is_detected_at_publishing_and_the_row_is_made_again(tmp_path):
     leave_row(request(tmp_path), "c")
     plan = plan_of(request(tmp_path))
-    file = plan.output.rows.path("c", plan.units[2].key)
+    file = plan.rows.path("c", plan.units[2].key)
     content = bytearray(file.read_bytes())
     content[7] ^= 1  # in the first chunk
     file.write_bytes(content)

@@ -22,10 +22,8 @@ from distributed import Security
 from pipeline.cli.failures import AGAIN
 from pipeline.engine import dask_executor
 from pipeline.engine.dask_executor import Dask
-from pipeline.engine.executor import Serial
-from pipeline.engine.session import Work
-from pipeline.engine.stage import Inputs
-from pipeline.engine.unit import Unit
+from pipeline.engine.executor import Serial, Work
+from pipeline.engine.stage import Inputs, Unit
 from pipeline.engine.worker_processes import WorkerProcesses
 from pipeline.errors import StageError, StoreError
 from pipeline.store import publish
@@ -137,7 +135,7 @@ def test_closing_at_once_ends_workers_in_the_middle_of_an_object(tmp_path):
     results = executor.run(work, units)
     next(results)
     processes = [worker.process for worker in executor._busy]
-    executor.close(at_once=True)
+    executor.__exit__(StageError)
     assert processes
     assert not any(process.is_alive() for process in processes)
 
@@ -147,7 +145,7 @@ def test_semaphores_of_killed_workers_are_released_without_a_warning(tmp_path):
     script.write_text(
         "from tests.engine.test_executors import *\nif __name__ == '__main__':\n"
         "    work, units = work_of(Path(sys.argv[1]), HoldsLock())\n    executor = WorkerProcesses()\n"
-        "    next(executor.run(work, units))\n    executor.close(at_once=True)\n"
+        "    next(executor.run(work, units))\n    executor.__exit__(StageError)\n"
     )
     ended = subprocess.run([sys.executable, script, tmp_path / "data"], capture_output=True, text=True, check=True)
     assert ended.stderr == ""

@@ -130,7 +130,7 @@ def test_later_of_two_concurrent_runs_is_refused_and_publishes_nothing(data, mon
         monkeypatch.setattr(publish, "write_group", write_group)
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "another machine"))
         run(early)
-        write_group(*arguments, **options)
+        return write_group(*arguments, **options)
 
     monkeypatch.setattr(publish, "write_group", write_late)
     with pytest.raises(StoreError, match="was published by another run meanwhile; run again"):
@@ -146,7 +146,7 @@ def test_concurrent_runs_of_the_same_rows_both_succeed(data, monkeypatch, tmp_pa
         monkeypatch.setattr(publish, "write_group", write_group)
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "another machine"))
         assert not run(request(data)), "rows that are finished are shared"
-        write_group(*arguments, **options)
+        return write_group(*arguments, **options)
 
     monkeypatch.setattr(publish, "write_group", write_late)
     run(request(data))

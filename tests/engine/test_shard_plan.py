@@ -84,8 +84,8 @@ def test_interrupted_run_is_continued(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         run(request(tmp_path / "cut", executor=StopsAfterTwo()))
     plan = plan_of(request(tmp_path / "cut"))
-    assert plan.output.shard is None
-    assert len(plan.pending_units()) == 3
+    assert plan.shard is None
+    assert plan.estimate()[0] == 3
     assert run(request(tmp_path / "cut")) == 3
     assert digest(tmp_path / "cut") == digest(tmp_path / "whole")
 
@@ -216,7 +216,7 @@ def test_object_whose_file_changes_during_a_run_is_made_again(tmp_path, monkeypa
 def test_data_directory_that_may_not_be_written_to_is_named(tmp_path, monkeypatch):
     run(request(tmp_path))
     plan = plan_of(request(tmp_path, settings={"samples": 7}))
-    for path in (plan.output.lock, plan.output.lock.parent):  # root may write anywhere
+    for path in (plan.lock, plan.lock.parent):  # root may write anywhere
         monkeypatch.setattr(
             "pipeline.engine.plan.exclusive_lock", Mock(side_effect=PermissionError(errno.EACCES, "Permission denied", path))
         )
@@ -357,7 +357,7 @@ def test_second_run_of_a_shard_is_refused_while_the_first_is_at_work(tmp_path):
     held, free = threading.Event(), threading.Event()
 
     def hold() -> None:
-        with exclusive_lock(plan_of(request(tmp_path)).output.lock, tmp_path):
+        with exclusive_lock(plan_of(request(tmp_path)).lock, tmp_path):
             held.set()
             free.wait(30)
 

@@ -8,10 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.engine import session
-from pipeline.engine.versions import processor
+from pipeline.engine import executor
 from pipeline.store.directory import DataDirectory
-from pipeline.store.record import processor_kind
+from pipeline.store.record import processor, processor_kind
 from pipeline.store.validate import problems_below
 from schemas.catalogue import ARTIFACTS
 from tests.engine.tiny_stages import NOISE, digest, published, request, run
@@ -33,7 +32,7 @@ def noise_in_catalogue() -> Iterator[None]:
 def mixed_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Make five rows in one shard, two of them computed by another kind of processor."""
     with monkeypatch.context() as patch:
-        patch.setattr(session, "processor", lambda: OTHER)
+        patch.setattr(executor, "processor", lambda: OTHER)
         for name in "ab":
             run(request(tmp_path, only=name))
     run(request(tmp_path))

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 
 from checks.processors import environment
-from pipeline.engine.versions import library_versions, processor
+from pipeline.store.record import library_versions, processor
 
 
 def test_record_holds_library_versions_and_the_machine() -> None:
@@ -18,7 +18,7 @@ def test_record_holds_library_versions_and_the_machine() -> None:
 
 
 def test_record_holds_the_instruction_sets_of_numpy_and_torch() -> None:
-    code = "import json, torch; from pipeline.engine.versions import processor; print(json.dumps(processor()))"
+    code = "import json, torch; from pipeline.store.record import processor; print(json.dumps(processor()))"
     run = subprocess.run(
         [sys.executable, "-c", code], env={**os.environ, **environment("prescott")}, capture_output=True, text=True, check=True
     )
