@@ -16,12 +16,11 @@ from pipeline.engine.plan import Made, Plan, Request, description_errors
 from pipeline.engine.stage import Unit
 from pipeline.errors import BugFound, InvalidInput, StageError, StoreError
 from pipeline.store import digest
-from pipeline.store.collection import Collection
-from pipeline.store.directory import DataDirectory, shard_of
+from pipeline.store.directory import Collection, DataDirectory, shard_of
 from pipeline.store.publish import commit_shard, withdraw
 from pipeline.store.record import Failure, ShardRecord, read_record
 from pipeline.store.rows import Result, Row, RowFiles, conform, row_digest
-from pipeline.store.shard import Shard
+from pipeline.store.shard import RowView, Shard
 from pipeline.store.storage import exists, remove
 from pipeline.store.validate import check_origins, problems_of
 
@@ -150,7 +149,7 @@ class ShardPlan(Plan):
             row = shard.row(unit.name)
             processor = shard.record.processor_of(row)
             reused = Result(name=unit.name, key=unit.key, seconds=row.seconds, processor=processor, failure=row.failure)
-            return self.rows.save(reused, shard.view(unit.name).verify(), unit.category)
+            return self.rows.save(reused, RowView(shard, unit.name).verify(), unit.category)
         return None
 
     def up_to_date(self) -> bool:

@@ -10,12 +10,12 @@ from pipeline.console import abbreviate, pluralise
 from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.digest import files_of
-from pipeline.store.directory import DESCRIPTION, DataDirectory, has_shard_count, is_version, made_by, unversioned
+from pipeline.store.directory import DESCRIPTION, DataDirectory, is_version, made_by, unversioned
 from pipeline.store.garbage import all_unreferenced
 from pipeline.store.layout import schema_violations
 from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.rows import are_valid
-from pipeline.store.shard import Shard
+from pipeline.store.shard import RowView, Shard
 from pipeline.store.storage import Location, exists, read_bytes
 from schemas.base import COMMON
 from schemas.catalogue import ARTIFACTS
@@ -70,7 +70,8 @@ def _problems_below(root: Location, strict: bool) -> dict[Location, list[str]]:
 
 def _lacks_record(directory: DataDirectory, record: Location) -> bool:
     """Check whether a record is missing: other artifacts have this shard. Withdrawn shards, and other numbers of shards, leave none."""
-    return has_shard_count(record, directory.shards()) and any(exists(directory.root / name / record.name) for name in ARTIFACTS)
+    same_number = record.stem.endswith(f"-of-{directory.shards() or 0:04d}")
+    return same_number and any(exists(directory.root / name / record.name) for name in ARTIFACTS)
 
 
 def _collect_lines(check: Iterator[str]) -> list[str]:
@@ -117,7 +118,7 @@ def _row_problems(shard: Shard, row: RowRecord, common: dict[str, object]) -> It
     for name, value in row.labels().items():
         if common[name] != value:
             yield f"{name}: {row.object_id} has {common[name]!r}, its record says {value!r}; {shard.remedy}"
-    view = shard.view(row.object_id)
+    view = RowView(shard, row.object_id)
     names = set(view)
     for name, array in shard.artifact.ragged.items() if row.failure is None else ():
         if "*" not in name and not array.optional and name not in names:

@@ -17,7 +17,7 @@ from pipeline.store import garbage
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
 from pipeline.store.record import named_location
-from pipeline.store.rows import Row
+from pipeline.store.rows import Result, Row
 from pipeline.store.validate import problems_below
 from pipeline.tables.status import read_account
 from schemas.base import Array
@@ -262,6 +262,19 @@ def test_temporary_files_of_killed_runs_are_garbage(tmp_path):
     leftovers.append(tmp_path / "noise" / "0000-of-0001-0123456789abcdef.zarr.tmp")
     leftovers[-1].mkdir()
     assert collect_everything(DataDirectory(tmp_path), older_than=-1) == [leftovers[0], leftovers[2], leftovers[1]]
+
+
+def test_rows_of_a_run_killed_after_it_published_them_are_garbage_after_a_week(tmp_path):
+    run(request(tmp_path))
+    plan = plan_of(request(tmp_path))
+    for key in (plan.units[0].key, "0" * 64):
+        plan.rows.save(Result(name="a", key=key), {})
+    paths = [plan.rows.path("a", key) for key in (plan.units[0].key, "0" * 64)]
+    assert collect_everything(DataDirectory(tmp_path), older_than=-1) == [], "a run may be about to publish it again"
+    for path in paths:
+        os.utime(path, (0, 0))
+    assert collect_everything(DataDirectory(tmp_path)) == [paths[0]]
+    assert [path.exists() for path in paths] == [False, True], "the other row is not published yet"
 
 
 def test_garbage_collection_and_validation_leave_files_of_the_user_alone(tmp_path):

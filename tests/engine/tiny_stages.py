@@ -20,9 +20,8 @@ from pipeline.engine.make import make, plans
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage, Inputs, ObjectStage, Unit
 from pipeline.errors import InvalidInput, StageError
-from pipeline.store.collection import Collection
 from pipeline.store.digest import hashes_of
-from pipeline.store.directory import DataDirectory
+from pipeline.store.directory import Collection, DataDirectory
 from pipeline.store.publish import commit_folder
 from pipeline.store.record import Failure, FolderRecord
 from pipeline.store.rows import Result, Row, conform
