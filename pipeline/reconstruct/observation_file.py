@@ -14,7 +14,17 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, read_yaml
 from pipeline.formats.file_units import METRES
 from pipeline.kernels.vision.view_transfer import foreground
-from pipeline.reconstruct.observation_entries import Depth, Entries, Image, Mask, Pose, SensorName, Vector, check_array, size_text
+from pipeline.reconstruct.observation_entries import (
+    Depth,
+    Image,
+    Mask,
+    ObservationEntries,
+    Pose,
+    SensorName,
+    Vector,
+    check_array,
+    size_text,
+)
 
 MAX_TOUCHES = 256
 CHANGED, CONTACT_SHARE = 8, 0.5
@@ -23,7 +33,7 @@ SMOOTHED = 1 / 33
 """Share of a tactile image's shorter side over which differences are averaged before: noise of single pixels is no touch."""
 
 
-class ObservedObject(Entries):
+class ObservedObject(ObservationEntries):
     """Where the object is."""
 
     centre: Annotated[
@@ -32,7 +42,7 @@ class ObservedObject(Entries):
     diagonal: Annotated[float | None, Field(gt=0, description="of its bounding box; by default estimated from `depth` and `mask`")] = None
 
 
-class Intrinsics(Entries):
+class Intrinsics(ObservationEntries):
     """Focal lengths and principal point, pixels; the centre of the top left pixel is (½, ½)."""
 
     fx: Annotated[float, Field(ge=10, le=1e6, description="focal length along columns")]
@@ -41,7 +51,7 @@ class Intrinsics(Entries):
     cy: Annotated[float, Field(ge=-1e6, le=1e6, description="row of the principal point; OpenCV's and ROS's plus ½")]
 
 
-class ObservedCamera(Entries):
+class ObservedCamera(ObservationEntries):
     """A rectified photograph and its camera."""
 
     image: Annotated[Image, Field(description="8-bit RGB photograph, without distortion")]
@@ -102,7 +112,7 @@ class ObservedCamera(Entries):
         return mask if self.hand_mask is None else mask & ~self.hand_mask
 
 
-class ObservedTouch(Entries):
+class ObservedTouch(ObservationEntries):
     """A tactile image and the pose of its sensor."""
 
     tactile_image: Annotated[Image, Field(description="8-bit RGB photograph by the sensor's camera, +x along columns, +y along rows")]
@@ -113,7 +123,7 @@ class ObservedTouch(Entries):
     name: Annotated[str | None, Field(max_length=100, description="for messages: `index`, `thumb`")] = None
 
 
-class RobotObservation(Entries):
+class RobotObservation(ObservationEntries):
     """A robot's observation of one static object, in one frame (e.g. its base)."""
 
     unit: Annotated[Literal["mm", "cm", "dm", "m", "in", "ft"], Field(description="of all lengths, and of the reconstruction")] = "m"
