@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.console import Cell, Columns, Row, Table, pluralise, tabulate
-from pipeline.dataset.touch_statistics import PAPER, PAPER_DIAGONAL
 from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, sampling_distance, sampling_share
 from pipeline.rng import numpy_rng
 from pipeline.tables.comparison import about_rows, comparable_figures
 from pipeline.tables.single_image_tables import single_image_tables
-from pipeline.tables.supplement_figures import TABLE_2, TABLE_3
+from pipeline.tables.supplement_figures import PAPER, TABLE_2, TABLE_3
 from stages.evaluate.baselines import BASELINE_PREFIX, label
 from stages.evaluate.evaluation_files import Arrays, Figures, has_table, read_root, read_table
 from stages.evaluate.grasp_protocol import ALL, NEAR, NEAR_SHARE
+from stages.evaluate.measure import PAPER_DIAGONAL
 
 QUALITY_UNITS = {
     "area_ratio": ("area, % of the true one", 100),

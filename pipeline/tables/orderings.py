@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.console import Row, Table
-from pipeline.dataset.touch_statistics import PAPER
 from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, difference_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.models.families import FAMILIES, ROWS, network_of
 from pipeline.rng import numpy_rng
-from pipeline.tables.supplement_figures import TABLE_2, TABLE_3
+from pipeline.tables.supplement_figures import PAPER, TABLE_2, TABLE_3
 from pipeline.tables.training_seeds import Values, chamfer_of, read_values
 from stages.evaluate.evaluation_files import Figures, read_root
 

@@ -7,15 +7,14 @@ from typing import Annotated
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from pipeline.console import Columns, Table, pluralise, tabulate
-from pipeline.dataset.touch_statistics import PAPER, has_paper_sizes, sensors_of, tally
 from pipeline.errors import StoreError, first_line
 from pipeline.formats.description_file import invalid_entries
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import exists
 from pipeline.tables.evaluation_tables import evaluation_tables
 from pipeline.tables.orderings import orderings, orderings_table
-from pipeline.tables.supplement_figures import BEST_EPOCH
-from pipeline.tables.touch_tables import touch_tables
+from pipeline.tables.supplement_figures import BEST_EPOCH, PAPER
+from pipeline.tables.touch_tables import read_touches, touch_tables
 from pipeline.tables.training_seeds import trainings_table
 from pipeline.training.checkpoint import METRICS, read_metrics
 from schemas.grasps import GRASPS
@@ -99,8 +98,7 @@ def results_tables(directory: DataDirectory, evaluated: Sequence[str], scored: S
     if first := [*folders[:1], *scored_folders][:1]:
         tables += evaluation_tables(first[0], [folder for folder in scored_folders if folder != first[0]])
     if directory.collection(GRASPS).shards:
-        grasps = directory.root
-        tables += touch_tables(tally(grasps), sensors_of(grasps), paper=has_paper_sizes(grasps))[:1]
+        tables += touch_tables(read_touches(directory.root))[:1]
     if folders:
         tables += [*trainings_table(folders), *orderings_table(orderings(folders))]
     if models := trained_models(directory, evaluated):

@@ -11,7 +11,6 @@ import trimesh
 from pipeline.console import Row, Table, pluralise
 from pipeline.dataset.completed_objects import CompletedObjects
 from pipeline.dataset.object_rows import is_surface
-from pipeline.dataset.touch_statistics import Tally, tally
 from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS
 from pipeline.drawing.views import painted_mesh
 from pipeline.kernels.geometry.mesh import Mesh
@@ -21,6 +20,7 @@ from pipeline.store.storage import Location
 from pipeline.store.validate import check_origins
 from pipeline.tables.comparison import difference
 from pipeline.tables.evaluation_tables import ACCURACY
+from pipeline.tables.touch_tables import Touches, read_touches
 from pipeline.tables.training_seeds import scores
 from stages.evaluate.evaluation_files import (
     SHIPPED_SCORES,
@@ -54,9 +54,9 @@ class ReportSource(CompletedObjects):
         self.evaluation = Evaluation([self.directory.verified_folder(name) for name in self.measured]) if self.measured else None
 
     @cached_property
-    def tallies(self) -> dict[str, Tally]:
-        """The touches of all grasps, by category."""
-        return tally(self.directory.root)
+    def touches(self) -> Touches:
+        """The touches of all grasps."""
+        return read_touches(self.directory.root)
 
 
 class Prediction(NamedTuple):
