@@ -21,7 +21,6 @@ from pipeline.store.validate import check_origins
 from pipeline.tables.comparison import difference
 from pipeline.tables.evaluation_tables import ACCURACY
 from pipeline.tables.touch_tables import Touches, read_touches
-from pipeline.tables.training_seeds import scores
 from stages.evaluate.evaluation_files import (
     SHIPPED_SCORES,
     Arrays,
@@ -48,7 +47,7 @@ class ReportSource(CompletedObjects):
 
     def __init__(self, data: Location) -> None:
         super().__init__(data, ("surfaces", "grasps", "touch"), ("vision", "charts"))
-        self.evaluated, self.scored = evaluations(self.directory), scores(self.directory)
+        self.evaluated, self.scored = evaluations(self.directory), current_scores(self.directory)
         check_origins(self.directory, self.evaluated)
         self.measured = [*self.evaluated[:1], *(name for name in self.scored if name == SHIPPED_SCORES)]
         self.evaluation = Evaluation([self.directory.verified_folder(name) for name in self.measured]) if self.measured else None
