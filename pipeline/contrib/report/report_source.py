@@ -18,7 +18,7 @@ from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.collection import Collection
 from pipeline.store.storage import Location
 from pipeline.store.validate import check_origins
-from pipeline.tables.comparison import difference
+from pipeline.tables.comparison import current_scores, difference
 from pipeline.tables.evaluation_tables import ACCURACY
 from pipeline.tables.touch_tables import Touches, read_touches
 from stages.evaluate.evaluation_files import (

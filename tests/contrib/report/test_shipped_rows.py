@@ -24,6 +24,7 @@ from pipeline.engine.plan import Request
 from pipeline.models.shipped_weights import DEFAULT
 from pipeline.reconstruct.score import _learned_from, _settings
 from pipeline.store.directory import DataDirectory
+from pipeline.tables.comparison import scores
 from pipeline.tables.evaluation_tables import evaluation_tables
 from pipeline.tables.results_summary import DEFAULT_SERIES, _ways, summarise
 from schemas.surfaces import SURFACES
