@@ -15,7 +15,7 @@ import yaml
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.cli.request import make_executor
+from pipeline.cli.options import make_executor
 from pipeline.config.settings import value_text
 from pipeline.formats.description_file import shipped_files
 from pipeline.tradeoff.sweep import point_folder
