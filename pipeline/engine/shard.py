@@ -238,6 +238,8 @@ class ShardPlan(Plan):
             if result := self._reuse(unit):
                 self._check_strictness(result)
                 results[unit.name] = result
+        published = self.shard.position if self.shard else {}
+        copied = sum(result.failure is None for name, result in results.items() if name not in published) if self.request.reuse else 0
         began, made = time.perf_counter(), 0
         for result in self._process([unit for unit in self.requested if unit.name not in results], console):
             results[result.name] = result
@@ -252,7 +254,8 @@ class ShardPlan(Plan):
             end = f"; {pluralise(len(self.missing))} of {self.total} not made yet" if self.missing else ""
             notes = tuple(self.stage.describe_shard(self.settings, self.shard)) if self.shard else ()
         failures = {name: result.failure for name, result in results.items()}
-        return self.answer(f"made {pluralise(made)} in {seconds:.1f} s", failures, end, objects=made, seconds=seconds, notes=notes)
+        text = (f"reused {pluralise(copied, 'row')}, " if copied else "") + f"made {pluralise(made)} in {seconds:.1f} s"
+        return self.answer(text, failures, end, objects=made, seconds=seconds, notes=notes)
 
     def _process(self, units: list[Unit], console: Console) -> Iterator[Result]:
         """Process units; raise a bug in one of them, or the change of a file, at the end, when the others are done."""
