@@ -8,6 +8,7 @@ import shlex
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
+from itertools import takewhile
 from pathlib import Path
 
 from pydantic import Field, ValidationError
@@ -32,7 +33,7 @@ WORK = ".work"
 SHARD_RECORD = "[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json"
 """The pattern of the names of shards' records."""
 
-_VERSION = re.compile(r".+-[0-9a-f]{16}(\.zarr)?")
+_VERSION = re.compile(r"(.+)-[0-9a-f]{16}(\.zarr)?")
 
 
 class DatasetDescription(Entries):
@@ -128,7 +129,7 @@ class DataDirectory:
         """List the names of the published folders."""
         trees = (f"{where}/{name}" for where in TREES for name in files_below(self.root / where))
         records = [name for name in list_folder(self.root) if RECORD.fullmatch(name)]
-        records += [path for path in trees if path.endswith(".json") and not any(map(is_version, path.split("/")))]
+        records += [path for path in trees if path.endswith(".json") and not any(map(record_of, path.split("/")))]
         return sorted(path.removesuffix(".json") for path in records)
 
     def record_folders(self) -> list[Location]:
@@ -136,8 +137,8 @@ class DataDirectory:
         folders = {"", *ARTIFACTS}
         for where in TREES:
             for name in files_below(self.root / where):
-                parts = f"{where}/{name}".split("/")[:-1]
-                folders.add("/".join(parts[: next((index for index, part in enumerate(parts) if is_version(part)), len(parts))]))
+                parents = takewhile(lambda part: not record_of(part), f"{where}/{name}".split("/")[:-1])
+                folders.add("/".join(parents))
         return [self.root / name for name in sorted(folders)]
 
     def folder(self, name: str) -> FolderRecord:
@@ -148,11 +149,11 @@ class DataDirectory:
         """Return the path of the folder that a record names."""
         return (self.root / name).with_name(self.folder(name).location)
 
-    def folder_problems(self, name: str, local: Path | None = None) -> Iterator[str]:
-        """Compare the files of a folder, or of its local copy, with its record; yield a line for each that differs."""
+    def folder_problems(self, name: str, local: Path | None = None) -> list[str]:
+        """Compare the files of a folder, or of its local copy, with its record; return a line for each that differs."""
         record, folder = self.folder(name), self.folder_path(name)
-        for file, problem in changed_files(local or folder, record.files).items():
-            yield f"{file} {problem}; delete {folder} and run {made_by(name, record)} again"
+        remedy = f"delete {folder} and run {made_by(name, record)} again"
+        return [f"{file} {problem}; {remedy}" for file, problem in changed_files(local or folder, record.files).items()]
 
     def verified_folder(self, name: str) -> Path:
         """Return the folder that a record names, or a local copy if it is in object storage; refuse missing or changed files."""
@@ -160,8 +161,8 @@ class DataDirectory:
         local = folder if isinstance(folder, Path) else cache_of(folder)
         if local != folder and changed_files(local, record.files):
             copy(folder, local, files_below(folder).keys() & record.files)
-        if problem := next(self.folder_problems(name, local), None):
-            raise StoreError(f"{folder}: {problem}")
+        if problems := self.folder_problems(name, local):
+            raise StoreError(f"{folder}: {problems[0]}")
         return local
 
     def work(self, name: str) -> Location:
@@ -293,11 +294,7 @@ def versioned(name: str, content: object) -> str:
     return f"{name}-{digest.of_json(content)[:16]}"
 
 
-def is_version(name: str) -> bool:
-    """Check whether a group or folder has a name made by `versioned`."""
-    return _VERSION.fullmatch(name) is not None
-
-
-def unversioned(name: str) -> str:
-    """Return the name that `versioned` was given."""
-    return name.rpartition("-")[0]
+def record_of(version: str) -> str:
+    """Return the name of the record of a group or folder that `versioned` named; "" for another name."""
+    named = _VERSION.fullmatch(version)
+    return f"{named[1]}.json" if named else ""

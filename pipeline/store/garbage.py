@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pipeline.errors import StoreError
 from pipeline.store.atomic import write_atomically
-from pipeline.store.directory import SHARD_RECORD, WORK, DataDirectory, is_version, unversioned
+from pipeline.store.directory import SHARD_RECORD, WORK, DataDirectory, record_of
 from pipeline.store.record import named_location
 from pipeline.store.storage import TEMPORARY, Location, files_below, list_folder, remove, remove_files
 from schemas.catalogue import ARTIFACTS
@@ -42,8 +42,10 @@ def unreferenced(directory: DataDirectory, folder: Location, older_than: float =
         if _UNFINISHED.fullmatch(name) or (name.endswith(TEMPORARY) and _is_ours(directory, folder, name.removesuffix(TEMPORARY))):
             if _age(folder / name) > older_than:
                 yield folder / name
-        elif is_folder and is_version(name) and (isinstance(folder, Path) or files_below(folder / name)):  # some servers list empty folders
-            versions.setdefault(f"{unversioned(name)}.json", []).append(name)
+        elif (
+            is_folder and (record := record_of(name)) and (isinstance(folder, Path) or files_below(folder / name))
+        ):  # some servers list empty folders
+            versions.setdefault(record, []).append(name)
     records = list_folder(folder) if versions else {}  # after the versions were listed: a record that was published meanwhile is there
     for record, names in versions.items():
         has_record = records.get(record) is False  # neither missing nor a folder
@@ -56,6 +58,11 @@ def unreferenced(directory: DataDirectory, folder: Location, older_than: float =
                 yield folder / name
 
 
+def _exists(folder: Location) -> bool:
+    """Check whether a listed folder exists: some servers of object storage list empty ones."""
+    return isinstance(folder, Path) or bool(files_below(folder))
+
+
 def _is_replaced(record: Location, name: str) -> bool:
     """Check whether a record names another version than this one; a damaged record may have named it."""
     return named_location(record) not in (None, name)
@@ -63,12 +70,12 @@ def _is_replaced(record: Location, name: str) -> bool:
 
 def _is_ours(directory: DataDirectory, folder: Location, name: str) -> bool:
     """Check whether a run gives a group or folder in this folder such a name."""
-    record = f"{unversioned(name)}.json" if is_version(name) else ""
+    record = record_of(name)
     if folder == directory.root:
         return RECORD.fullmatch(record) is not None
     if folder.parent == directory.root and folder.name not in TREES:  # an artifact's
         return fnmatch.fnmatch(record, SHARD_RECORD) and name.endswith(".zarr")
-    return is_version(name)
+    return bool(record)
 
 
 def collect(directory: DataDirectory, folder: Location, older_than: float = GRACE_SECONDS) -> list[Location]:

@@ -10,7 +10,7 @@ from pipeline.console import abbreviate, pluralise
 from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.digest import files_of
-from pipeline.store.directory import DESCRIPTION, DataDirectory, is_version, made_by, unversioned
+from pipeline.store.directory import DESCRIPTION, DataDirectory, made_by, record_of
 from pipeline.store.garbage import all_unreferenced
 from pipeline.store.layout import schema_violations
 from pipeline.store.record import RowRecord, ShardRecord, read_record
@@ -62,8 +62,8 @@ def _problems_below(root: Location, strict: bool) -> dict[Location, list[str]]:
     for name in directory.folders():
         problems[directory.folder_record(name)] = _collect_lines(_folder_problems(directory, name))
     for path in all_unreferenced(directory):
-        record = path.with_name(f"{unversioned(path.name)}.json")
-        if is_version(path.name) and not exists(record) and (path.suffix != ".zarr" or _lacks_record(directory, record)):
+        record = path.with_name(record_of(path.name) or path.name)
+        if record != path and not exists(record) and (path.suffix != ".zarr" or _lacks_record(directory, record)):
             problems[record] = [f"the record of {path.name} is missing: a run was killed, or it was deleted; run its stage again"]
     return problems
 
