@@ -71,7 +71,14 @@ def _parse(package: str, path: Path) -> tuple[str, list[str]]:
     if path.suffix != ".py":  # compiled
         return hashlib.sha256(path.read_bytes()).hexdigest(), []
     tree, tops = ast.parse(path.read_bytes()), {*OURS, package.partition(".")[0]}
-    imports = dict.fromkeys(name for name in _imports(tree, package) if name.partition(".")[0] in tops)
+    names: list[str] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            module = util.resolve_name("." * node.level + (node.module or ""), package)
+            names += [module, *(f"{module}.{alias.name}" for alias in node.names)]
+    imports = dict.fromkeys(name for name in names if name.partition(".")[0] in tops)
     return hashlib.sha256(syntax(tree).encode()).hexdigest(), list(imports)
 
 
@@ -81,18 +88,6 @@ def syntax(node: object) -> str:
         fields = (f" {name}={syntax(value)}" for name, value in ast.iter_fields(node) if value is not None and value != [])
         return f"({type(node).__name__}{''.join(fields)})"
     return f"[{' '.join(map(syntax, node))}]" if isinstance(node, list) else repr(node)
-
-
-def _imports(tree: ast.Module, package: str) -> Iterable[str]:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield alias.name
-        elif isinstance(node, ast.ImportFrom):
-            module = util.resolve_name("." * node.level + (node.module or ""), package)
-            yield module
-            for alias in node.names:
-                yield f"{module}.{alias.name}"
 
 
 @cache
