@@ -1,5 +1,6 @@
 """Observations of a robot: what it saw and felt of one object, as a YAML file or as arrays."""
 
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -13,6 +14,7 @@ from pipeline.console import pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, read_yaml
 from pipeline.formats.file_units import METRES
+from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import foreground
 from pipeline.reconstruct.observation_entries import (
     Depth,
@@ -82,14 +84,12 @@ class ObservedCamera(ObservationEntries):
     @model_validator(mode="after")
     def _is_one_size(self) -> Self:
         check_array("image", self.image, np.uint8, 3)
-        shape = self.image.shape[:2]
-        for name in ("mask", "hand_mask"):
-            if (mask := getattr(self, name)) is not None:
-                check_array(name, mask, np.bool_, 2)
-        if self.depth is not None:
-            check_array("depth", self.depth, self.depth.dtype if self.depth.dtype.kind == "f" else np.uint16, 2)
-        for name in ("mask", "hand_mask", "depth"):
-            if (array := getattr(self, name)) is not None and array.shape != shape:
+        levels = self.depth.dtype if self.depth is not None and self.depth.dtype.kind == "f" else np.uint16
+        for name, dtype in (("mask", np.bool_), ("hand_mask", np.bool_), ("depth", levels)):
+            if (array := getattr(self, name)) is None:
+                continue
+            check_array(name, array, dtype, 2)
+            if array.shape != self.image.shape[:2]:
                 raise ValueError(f"{name} has {size_text(array)} pixels, the image {size_text(self.image)}; register them")
         if self.mask is not None and not self.mask.any():
             raise ValueError("the mask is 0 everywhere; the object's pixels must not be")
@@ -110,6 +110,25 @@ class ObservedCamera(ObservationEntries):
         """(rows, cols): where the photograph shows the object, by its mask or else by its border's colour, and not the robot."""
         mask = foreground(self.image) if self.mask is None else self.mask
         return mask if self.hand_mask is None else mask & ~self.hand_mask
+
+    @cached_property
+    def measured(self) -> NDArray[np.bool_] | None:
+        """(rows, cols): the object's pixels whose depth is known; None without a depth image or a mask."""
+        return None if self.metres is None or self.mask is None else self.object_pixels & ~np.isnan(self.metres)
+
+
+@dataclass(frozen=True)
+class View:
+    """A photograph and its projection."""
+
+    camera: ObservedCamera
+    matrix: NDArray[np.float64]  # (3, 4): the observation's frame, m, to pixels
+
+    def shows(self, point: NDArray[np.float64]) -> bool:
+        """Check whether a point (3,) of the frame, m, is in the photograph."""
+        rows, cols = self.camera.image.shape[:2]
+        pixel = project_points(self.matrix, point)
+        return bool(((pixel >= 0) & (pixel < [cols, rows])).all())  # NaN behind the camera is not
 
 
 class ObservedTouch(ObservationEntries):
@@ -196,27 +215,32 @@ class RobotObservation(ObservationEntries):
         """Name a touch for messages."""
         return self.touches[number].name or f"touches.{number}"
 
-    def metric(self, pose: Pose) -> NDArray[np.float64]:
+    def _metric(self, pose: Pose) -> NDArray[np.float64]:
         """Return a pose (4, 4), m."""
         scaled = pose.array.copy()
         scaled[:3, 3] *= self.metres_per_unit
         return scaled
 
     @cached_property
-    def projection(self) -> NDArray[np.float64] | None:
-        """(3, 4) projection matrix of the photograph: this frame, m, to pixels."""
+    def view(self) -> View | None:
+        """The photograph with its projection."""
         if self.camera is None:
             return None
-        k, pose = self.camera.intrinsics, self.metric(self.camera.pose)
+        k, pose = self.camera.intrinsics, self._metric(self.camera.pose)
         if self.camera.convention == "opengl":
             pose = pose @ np.diag([1.0, -1, -1, 1])
         intrinsic = np.array([[k.fx, 0, k.cx], [0, k.fy, k.cy], [0, 0, 1.0]])
-        return np.asarray(intrinsic @ np.column_stack([pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3]]))
+        return View(self.camera, intrinsic @ np.column_stack([pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3]]))
 
     @cached_property
     def sensor_poses(self) -> NDArray[np.float64]:
         """(T, 4, 4) sensor frames, m."""
-        return np.array([self.metric(touch.pose) for touch in self.touches]).reshape(-1, 4, 4)
+        return np.array([self._metric(touch.pose) for touch in self.touches]).reshape(-1, 4, 4)
+
+    @cached_property
+    def gel_centres(self) -> NDArray[np.float64]:
+        """(T, 3) middles of the gels' fronts, m."""
+        return self.sensor_poses[:, :3, 3] + (self.sensor.w if self.sensor else 0.0) * self.sensor_poses[:, :3, 2]
 
     def __repr__(self) -> str:
         photograph = "a photograph" if self.camera else "no photograph"
