@@ -22,8 +22,7 @@ from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.kernels.hand.self_collision import hand_gap
 from pipeline.kernels.touch.depth_maps import touch_success
 from pipeline.kernels.touch.ray_depth import ray_depth
-from pipeline.physics.hold_test import DOWN, HOLD_TESTS, HoldTest
-from pipeline.physics.motion import is_held
+from pipeline.physics.hold_test import DOWN, HOLD_TESTS, HoldTest, is_held
 from pipeline.physics.simulation import Simulation
 from pipeline.store.rows import Row
 from stages.simulate_grasps.plans import HoldPlanner, TouchPlanner

@@ -14,7 +14,7 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.mesh_cleaning import normalise_mesh
-from pipeline.physics.motion import is_held
+from pipeline.physics.hold_test import is_held
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from schemas.base import COMMON, FIXED
