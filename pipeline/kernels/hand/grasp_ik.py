@@ -244,10 +244,7 @@ def _candidates(ik: GraspIk, field: DistanceField, hand_pose: Array) -> Indices:
 
 def _combine_fingers(hand: Hand, angles: Array, rows: Indices) -> Array:
     """Combine joint angles (N, J), in which finger s takes row `rows[:, s]` of `angles`."""
-    finger_of_joint = np.empty(len(hand.joint_names), np.intp)
-    for number, finger in enumerate(hand.fingers):
-        finger_of_joint[list(finger.joints)] = number
-    return np.take_along_axis(angles, rows[:, finger_of_joint], axis=0)
+    return np.take_along_axis(angles, rows[:, hand.link_fingers[list(hand.joint_links)]], axis=0)
 
 
 def _refine(ik: GraspIk, field: DistanceField, hand_pose: Array, *, postures: Array, steps: Array) -> Array:
