@@ -5,11 +5,12 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, Field
 from rich.markup import escape
 
 import pipeline
@@ -17,13 +18,13 @@ from pipeline.config.manifest import without_controls
 from pipeline.console import errors
 from pipeline.contrib.exports.grasp_frames import GraspFrames
 from pipeline.dataset.completed_objects import CompletedObjects
-from pipeline.dataset.touch_statistics import sensors_of, tally
 from pipeline.drawing.contact_sheet import SHOWN, draw_contact_sheet
 from pipeline.drawing.picture_sheet import spread_evenly
+from pipeline.entries import Entries
 from pipeline.errors import PipelineError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location
-from pipeline.tables.touch_tables import touch_tables
+from pipeline.tables.touch_tables import read_touches, touch_tables
 from schemas.catalogue import ARTIFACTS
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -38,10 +39,8 @@ SIZES = {1e3: "n<1K", 1e4: "1K<n<10K", 1e5: "10K<n<100K", 1e6: "100K<n<1M", 1e7:
 TYPES = {"string": "sc:Text", "int64": "sc:Integer", "bool": "sc:Boolean", "float32": "sc:Float", "float64": "sc:Float"}
 
 
-class About(BaseModel):
+class About(Entries):
     """Entries that only the publisher of a dataset knows."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     title: Annotated[str, AfterValidator(without_controls)] | None = None
     """By default the manifest's name."""
@@ -78,7 +77,7 @@ class Facts:
         self.failed = len(directory.collection(GRASPS)) - len(names)  # objects without a row
         self.origins = {name: collection.first.record for name, collection in collections.items() if collection.shards}
         self.name = self.origins["grasps"].manifest
-        self.tables = touch_tables(tally(data), sensors_of(data), paper=False)
+        self.tables = touch_tables(replace(read_touches(data), paper=False))
 
 
 def write_card(data: Location, facts: Facts, about: About, folder: Path) -> None:
