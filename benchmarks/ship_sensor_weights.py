@@ -24,7 +24,7 @@ from pipeline.models.shipped_weights import SENSORS, SHIPPED, SensorCard, Sensor
 from pipeline.models.touch_model import LocalTouchModel
 from pipeline.real_touch.train_sensor import PRESSES, save_sensor_network, train_sensor_network
 from pipeline.rng import numpy_rng
-from stages.train_touch.stage import TouchTrainingSettings
+from stages.train_touch import TouchTrainingSettings
 
 FITTED_TO = {
     "gelsight": "the even ones of 48 photographs in the package taxim 1.4.1 (MIT licence, copyright 2021 CMURoboTouch)",

@@ -10,7 +10,7 @@ import pipeline
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.formats.file_content import read_file
-from pipeline.models.families import model_name, network_of, trained_models
+from pipeline.models.families import ROWS, model_name, trained_models
 from pipeline.models.model_files import DESCRIPTION
 from pipeline.store.storage import Location, as_location
 
@@ -101,7 +101,7 @@ def models_place(name: str) -> Location:
 def card_path(models: Path, configuration: str) -> Path:
     """Return the path of a network's card, below a folder of models."""
     record = models / model_name(configuration).removeprefix("models/")
-    return record.with_name(CARD.format(network_of(configuration)))
+    return record.with_name(CARD.format(ROWS[configuration].network))
 
 
 def shipped_sensor_network(sensor: str, weights: Path = SHIPPED) -> Path | None:

@@ -10,7 +10,7 @@ from pipeline.console import Row, Table
 from pipeline.errors import StoreError
 from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.models.families import inputs_of
+from pipeline.models.families import ROWS
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from pipeline.store.validate import check_origins
@@ -96,7 +96,7 @@ def _rows(values: Values, folder: Path) -> Iterator[Row]:
     seed, figures_of = read_root(folder)["seed"], read_figures(folder)
     for name, by_seed in values.items():
         trainings = [*by_seed.values()]
-        config, chamfer = inputs_of(name), TABLE_3_FACTOR * chamfer_of(trainings, 1)
+        config, chamfer = ROWS[name].inputs, TABLE_3_FACTOR * chamfer_of(trainings, 1)
         interval: Interval = mean_interval(chamfer, numpy_rng(seed, "intervals"))
         median, most_grasps = float(np.median(chamfer, axis=1).mean()), trainings[0].grasps[-1]
         error_with_most = TABLE_3_FACTOR * float(chamfer_of(trainings, most_grasps).mean()) if config.touch and most_grasps > 1 else None

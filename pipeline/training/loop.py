@@ -57,7 +57,7 @@ def train(
 
     A fault of ours in one of several processes is a `ProcessRaisedException` with its traceback.
     """
-    if not len(learner):
+    if not len(learner.train):
         raise StageError(f"{name}: there are no items to train on; take more objects, or see `vt-pipeline status` for those that failed")
     fabric = make_fabric(settings, folder)
     begin: Any = _begin  # Fabric's signature leaves out the arguments that it passes on
@@ -108,7 +108,7 @@ class _Training:
         self.network, self.optimizer = wrapped
         self.best, self.progress = checkpoint.load(folder, self.module, self.adam)  # now that they have their type and device
         self.began = time.perf_counter() - self.progress.seconds
-        self.steps = math.ceil(len(learner) / settings.batch_size)  # of an epoch
+        self.steps = math.ceil(len(learner.train) / settings.batch_size)  # of an epoch
 
     def run(self) -> dict[str, Any]:
         """Train to the end of the epochs or of the patience; return the facts."""
@@ -128,7 +128,7 @@ class _Training:
         gpu = fabric.device.type == "cuda"
         return {
             "parameters": sum(parameter.numel() for parameter in self.module.parameters()),
-            "items": len(self.learner),
+            "items": len(self.learner.train),
             "epochs": progress.epoch,
             "best_epoch": progress.best,
             "best": progress.history[progress.best],
@@ -145,7 +145,7 @@ class _Training:
     def train_epoch(self, meter: Meter) -> None:
         """Take the remaining steps of an epoch."""
         progress, size = self.progress, self.settings.batch_size
-        order = numpy_rng(self.seed, self.name, "order", progress.epoch).permutation(len(self.learner))
+        order = numpy_rng(self.seed, self.name, "order", progress.epoch).permutation(len(self.learner.train))
         parts = (self.part(order[start:][:size].tolist()) for start in range(progress.step * size, len(order), size))
         self.network.train()
         saved = time.perf_counter()
@@ -204,7 +204,7 @@ class _Training:
         step = f"in epoch {self.progress.epoch + 1}, step {self.progress.step + 1}"
         learned = self.progress.epoch or self.progress.step  # at the first step the rate is not the cause
         advice = (f"lower learning_rate ({self.settings.learning_rate:g}), or " if learned else "") + "look at the items of its batch"
-        return StageError(f"{self.name}: {reason}, {step}; {advice}: {', '.join(map(self.learner.describe, items))}")
+        return StageError(f"{self.name}: {reason}, {step}; {advice}: {', '.join(map(self.learner.train.name, items))}")
 
     def validate_epoch(self) -> None:
         """Compute the metrics of the weights; keep them if they are the best so far, and go to the next epoch."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -14,6 +13,7 @@ from pipeline.models.families import model_name, reconstructor_type, trained_fol
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import FolderRecord
+from pipeline.training.learner import ReconstructionLearner
 from pipeline.training.settings import ReconstructionSettings
 from schemas.base import Artifact
 from schemas.charts import CHARTS
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
     from pipeline.models.reconstruction import Reconstructor
     from pipeline.training.items import Items
-    from pipeline.training.reconstruction import ReconstructionLearner
 
 IMAGES = {"occluded": VISION, "unoccluded": VISION, "any": VISION, "rendering": RENDERINGS}
 """The artifact that holds each kind of image."""
@@ -42,12 +41,9 @@ class ReconstructionTraining(DatasetStage):
     """Train a network of one configuration."""
 
     trains = True
+    learner: ClassVar[type[ReconstructionLearner]]  # it has the loss
     target: ClassVar[Artifact] = SURFACES  # holds the targets
     arrays: ClassVar[tuple[str, ...]]  # those of `target` that are read
-
-    @abstractmethod
-    def learner(self) -> type[ReconstructionLearner]:
-        """Load the learner, which has the loss; it needs torch, which the stage's settings do not."""
 
     def inputs(self, settings: Any) -> tuple[Artifact, ...]:
         """Name the artifacts of the objects' sizes and the target, and of the image and touch charts that the configuration takes."""
@@ -100,7 +96,7 @@ class ReconstructionTraining(DatasetStage):
         before = self._begin_with_pretrained(network, job, name) if settings.pretrained else None
         for line in (*setting_remarks(settings, learning), *self.remarks(network, learning)):
             job.console.print(f"{name}: {line}")
-        learner = self.learner()(network, learning, validation, settings, job.seed)
+        learner = self.learner(network, learning, validation, settings, job.seed)
         facts = train(learner, settings, folder=job.folder, seed=job.seed, name=name)
         save_model(job.folder, network, learning.trained(settings.configuration, network.config))
         return facts | ({LEARNED_BEFORE: before} if before else {})

@@ -19,9 +19,8 @@ from pipeline.models.observation import Observation, stack_observations
 from pipeline.rng import torch_generator
 from pipeline.training.checkpoint import read_metrics
 from pipeline.training.items import Items
-from pipeline.training.reconstruction import Batch
-from stages.train_gcn.learner import GcnLearner
-from stages.train_gcn.stage import GcnSettings, TrainGcn
+from pipeline.training.learner import Batch
+from stages.train_gcn import GcnLearner, GcnSettings, TrainGcn
 from tests.stages.tiny_dataset import manifest, run_stage
 
 SMALL = ("train-gcn.gcn_layers=3", "train-gcn.gcn_features=12", "train-gcn.epochs=2", "train-gcn.loss_points=200", "train-gcn.threads=1")

@@ -24,7 +24,7 @@ from pipeline.training.training_stage import setting_remarks
 from schemas.charts import CHARTS
 from stages.evaluate.evaluation_files import read_figures, read_surfaces, surface_of
 from stages.registry import load_stage, resolve
-from stages.train_implicit.stage import ImplicitSettings, TrainImplicit
+from stages.train_implicit import ImplicitSettings, TrainImplicit
 from tests.stages import ball_dataset as spheres
 
 NAME = "implicit-touch"

@@ -27,7 +27,7 @@ class Perfect(Regression):
 
     def loss(self, network: torch.nn.Module, batch: Batch) -> torch.Tensor:
         nothing = 0 * super().loss(network, batch)
-        return nothing + (self.later if self.steps > len(self) / settings().batch_size else 0)
+        return nothing + (self.later if self.steps > len(self.train) / settings().batch_size else 0)
 
 
 class Steep(Regression):
@@ -68,7 +68,7 @@ class Few(Regression):
 
     def __init__(self, count: int) -> None:
         super().__init__(plain=True)
-        self.x = self.x[:count]
+        del self.train[count:]
 
 
 class Raising(Regression):

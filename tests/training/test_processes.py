@@ -18,8 +18,8 @@ from pipeline.console import console_on
 from pipeline.engine.stage import DatasetJob, DatasetStage
 from pipeline.errors import StageError
 from pipeline.training.checkpoint import read_metrics
-from stages.train_gcn.stage import TrainGcn
-from stages.train_unet.stage import TrainUnet
+from stages.train_gcn import TrainGcn
+from stages.train_unet import TrainUnet
 from tests.stages import ball_dataset
 from tests.training.regression import Regression, fit
 
