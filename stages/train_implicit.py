@@ -148,7 +148,7 @@ class ImplicitLearner(ReconstructionLearner):
         inputs, (queries, distances) = self.stack(network, batch), batch.targets
         predicted: Tensor = network(queries.to(inputs.touch_vertices), **vars(inputs))
         band: float = self.config.band
-        loss: Tensor = (predicted - distances.to(predicted).clamp(-band, band)).abs().mean() / band
+        loss: Tensor = (predicted - distances.to(inputs.touch_vertices).clamp(-band, band)).abs().mean() / band
         return loss
 
     def errors(self, network: Any, batch: Batch) -> Tensor:
