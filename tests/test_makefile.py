@@ -14,7 +14,7 @@ import pytest
 from pipeline.engine.stage import ObjectStage
 from pipeline.models.families import FAMILIES, ROWS
 from stages.registry import STAGES, load_stage
-from stages.request import default_place
+from stages.request import default_location
 
 ROOT = Path(__file__).parents[1]
 
@@ -260,7 +260,7 @@ def test_default_data_directory_is_that_of_the_command(manifest, objects, tmp_pa
     assert workplace.make("summary", f"MANIFEST={manifest}", f"OBJECTS={objects}").returncode == 0
     monkeypatch.chdir(workplace.root)
     summary = next(call for call in workplace.calls() if call[0] == "summary")
-    assert summary == ["summary", str(default_place(manifest, Path(objects)) / "draft")]
+    assert summary == ["summary", str(default_location(manifest, Path(objects)) / "draft")]
 
 
 # ---- shards

@@ -136,16 +136,16 @@ def setting_remarks(settings: ReconstructionSettings, items: Items) -> Iterator[
 
 def pretrained_folder(models: str, network: str) -> Path:
     """Find the folder of a trained network by a training's setting `pretrained`; errors as `trained_folder`."""
-    from pipeline.models.shipped_weights import models_place
+    from pipeline.models.shipped_weights import models_location
 
-    return trained_folder(models_place(models), network)
+    return trained_folder(models_location(models), network)
 
 
 def learned_before(models: str, network: str) -> list[dict[str, Any]]:
     """List the training data of a trained network, as `learned_from`."""
-    from pipeline.models.shipped_weights import models_place
+    from pipeline.models.shipped_weights import models_location
 
-    folder = models_place(models)
+    folder = models_location(models)
     return learned_from(DataDirectory(trained_models(folder)[network]).folder(network))
 
 

@@ -20,7 +20,7 @@ from pipeline.models.shipped_weights import (
     SENSORS,
     SensorCard,
     card_path,
-    models_place,
+    models_location,
     read_card,
     sensor_card_path,
     shipped_models,
@@ -102,7 +102,7 @@ def test_predict_without_models_uses_the_shipped_network(data, shipped, tmp_path
     assert done.exit_code == 0, done.output
     assert trimesh.load(tmp_path / "out.ply").is_watertight
     assert PredictOptions().network() == (shipped, NETWORK)
-    assert PredictOptions(models_place("shipped")).network(data) == (shipped, NETWORK)
+    assert PredictOptions(models_location("shipped")).network(data) == (shipped, NETWORK)
     assert PredictOptions().network(data) == (data / "models", "occluded-touch")  # its own
     assert PredictOptions(None, f"{NETWORK}-touch").network(bare) == (shipped, f"{NETWORK}-touch")
     with pytest.raises(StageError, match="the pretrained network has one training; name models of training seed 1"):
