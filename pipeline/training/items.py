@@ -32,7 +32,7 @@ class Items:
         learned: tuple[str, ...] = ("points",),  # arrays that the loss needs
         cache_megabytes: float = CACHE_MEGABYTES,
     ) -> None:
-        self.rows = ObjectRows(data, arrays_of(config, learned), split, cache_megabytes=cache_megabytes)
+        self.rows = ObjectRows(data, (*learned, *observed_arrays(config)), split, cache_megabytes=cache_megabytes)
         self.config, self.items_per_object = config, items_per_object
         self._targets: dict[str, SearchCloud] = {}
 
@@ -150,11 +150,6 @@ class Items:
         )
 
     def name(self, item: int) -> str:
-        """Name an item for a message."""
+        """Name an item's object, and its first grasp if that is fixed."""
         has_first_grasp = self.config.image != "rendering" and 1 < self.grasps <= self.items_per_object  # else it is the only one, or drawn
         return self.object_of(item) + (f" (first grasp {item % self.items_per_object % self.grasps})" if has_first_grasp else "")
-
-
-def arrays_of(config: NetworkInputs, learned: tuple[str, ...] = ("points",)) -> tuple[str, ...]:
-    """Name the arrays that a network of this configuration is trained on, including those `learned` that its loss needs."""
-    return (*learned, *observed_arrays(config))

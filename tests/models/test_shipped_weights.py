@@ -10,6 +10,7 @@ import yaml
 from typer.testing import CliRunner
 
 from benchmarks import ship_sensor_weights, ship_weights
+from benchmarks.ship_sensor_weights import SensorCard, sensor_card_path
 from pipeline.cli import app
 from pipeline.errors import StageError, StoreError
 from pipeline.formats.sensor_file import load_sensor
@@ -18,11 +19,9 @@ from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models import shipped_weights
 from pipeline.models.shipped_weights import (
     SENSORS,
-    SensorCard,
     card_path,
     models_location,
     read_card,
-    sensor_card_path,
     shipped_models,
     shipped_sensor_network,
 )

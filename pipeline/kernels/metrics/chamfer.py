@@ -27,8 +27,6 @@ class SearchCloud:
     def nearest(self, query: Tensor) -> Tensor:
         """Find the nearest point to each of `query` (N, 3): (N,) int64 indices, without gradient; of equally near points any."""
         _check("query", query)
-        if query.device != self.points.device:
-            raise ValueError(f"query lies on {query.device}, points on {self.points.device}: move one of them")
         if self._tree is not None:
             return torch.from_numpy(self._tree.query(query.detach().double().numpy(), workers=1)[1])
         return nearest_of_pairs(query, self.points)

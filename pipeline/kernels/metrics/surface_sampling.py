@@ -11,14 +11,10 @@ import torch
 from torch import Tensor
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.arrays import check_shape
-from pipeline.kernels.tensors import check_full_precision
 
 
 def sample_surface(vertices: Tensor, faces: Tensor, count: int, generator: torch.Generator) -> Tensor:  # (count, 3)
     """Draw points from a surface (V, 3), (F, 3), differentiable but for the choice of faces (Smith et al., GEOMetrics, 2019)."""
-    if count < 1:
-        raise ValueError(f"{count} points asked for; at least 1 is drawn")
     return map_to_surface(vertices, faces, torch.rand(count, 3, generator=generator, dtype=torch.float64))
 
 
@@ -28,7 +24,8 @@ def map_to_surface(vertices: Tensor, faces: Tensor, uniform: Tensor) -> Tensor: 
     The first coordinate chooses the face by its share of the area; the others, u and v, the point
     (1 - √u) A + √u (1 - v) B + √u v C in it (Osada et al., Shape Distributions, 2002).
     """
-    _check(vertices, faces, uniform)
+    if not bool(torch.isfinite(vertices).all()):
+        raise InvalidInput(f"vertices hold NaN or infinity in {int((~torch.isfinite(vertices)).sum())} of {vertices.numel()} coordinates")
     with torch.no_grad():
         faces, uniform = faces.to(vertices.device), uniform.to(vertices.device)
         face = _choose(doubled_areas(vertices.double(), faces).cumsum(dim=0), uniform[:, 0])  # (n,)
@@ -57,20 +54,7 @@ def _choose(cumulative: Tensor, uniform: Tensor) -> Tensor:
     return torch.searchsorted(cumulative, torch.minimum(uniform * total, below), right=True)
 
 
-def _check(vertices: Tensor, faces: Tensor, uniform: Tensor) -> None:
-    for name, array in {"vertices": vertices, "faces": faces, "uniform": uniform}.items():
-        check_shape(name, array, "n", 3)
-    if not len(faces):
-        raise ValueError("there are no faces to draw points from")
-    check_full_precision("vertices", vertices)
-    if not bool(((faces >= 0) & (faces < len(vertices))).all()):
-        raise ValueError(f"faces reach from {int(faces.min())} to {int(faces.max())}; there are vertices 0 to {len(vertices) - 1}")
-    if not bool(torch.isfinite(vertices).all()):
-        raise InvalidInput(f"vertices hold NaN or infinity in {int((~torch.isfinite(vertices)).sum())} of {vertices.numel()} coordinates")
-
-
 def edge_length(vertices: Tensor, edges: Tensor) -> Tensor:
     """Compute the mean squared length of edges (E, 2), in the vertices' unit squared: (B,)."""
-    check_full_precision("vertices", vertices)
     first, second = vertices[:, edges].unbind(dim=2)
     return (first - second).square().sum(dim=-1).mean(dim=-1)

@@ -86,8 +86,6 @@ class LocalNetwork(nn.Module):
 
     def __init__(self, width: int = 20) -> None:
         super().__init__()
-        if width < 1:
-            raise ValueError(f"a local network of width {width}; it needs at least 1")
         self.width = width
         self.colours = nn.Sequential(
             *(nn.Conv2d(COLOURS + 2, width, 3, padding=1), nn.ReLU(inplace=True)),
