@@ -105,7 +105,7 @@ class GcnLearner(ReconstructionLearner):
 
     def loss(self, network: Any, batch: Batch) -> Tensor:
         """Compute the items' mean Chamfer distance and weighted length of edges; the supplement lacks the latter."""
-        from pipeline.kernels.metrics.surface_sampling import edge_length
+        from pipeline.kernels.metrics.chamfer import edge_length
 
         inputs = self.stack(network, batch)
         deformed = network(**vars(inputs))
@@ -122,10 +122,9 @@ class GcnLearner(ReconstructionLearner):
     def _chamfer(self, deformed: Tensor, inputs: NetworkBatch, batch: Batch) -> Tensor:
         """Compute (B,) Chamfer distances of `loss_points` points each way to all the object's, in Table 3's unit."""
         import torch
-        from pipeline.models.reconstructors import assemble_surfaces
 
-        from pipeline.kernels.metrics.chamfer import squared_distances
-        from pipeline.kernels.metrics.surface_sampling import sample_surface
+        from pipeline.kernels.metrics.chamfer import sample_surface, squared_distances
+        from pipeline.models.reconstructors import assemble_surfaces
 
         distances, count = [], self.settings.loss_points
         surfaces = assemble_surfaces(self.network, deformed, inputs)

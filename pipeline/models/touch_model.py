@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 import torch
@@ -20,6 +20,7 @@ from pipeline.kernels.networks.local_network import LocalNetwork, pixel_position
 from pipeline.kernels.networks.unet import UNet, contact_mask
 from pipeline.kernels.tensors import COLOURS, network_input
 from pipeline.kernels.touch.depth_maps import gel_surface, gel_top
+from pipeline.kernels.touch.elastic_contact import PressedGel
 from pipeline.kernels.touch.sensor import MM, Sensor, masked_points, resample, sensor_differences
 from pipeline.models.model_files import load_network, read_description, save_model, unusable
 
@@ -132,13 +133,6 @@ class UnetTouchModel(TouchModel):
             )
 
 
-class GelReading(NamedTuple):
-    """The reading of a local network: the indentation of the gel, and its contact."""
-
-    indentation: NDArray[np.float32]  # (N, H, W) m
-    contact: NDArray[np.bool_]  # (N, H, W)
-
-
 @dataclass(frozen=True)
 class LocalTouchModel(TouchModel):
     """A local network, for images of its sensor with any number of pixels: they are resampled to those of its training."""
@@ -150,7 +144,7 @@ class LocalTouchModel(TouchModel):
         images: np.ndarray,  # (N, H, W, 3) uint8, of the sensor's aspect ratio
         untouched: np.ndarray | None = None,  # (H, W, 3) uint8, of the same day; by default the model's own
         pixel_aspect: float = 1.0,  # height over width of a pixel of the images
-    ) -> GelReading:  # with the images' pixels; indentation >= 0
+    ) -> PressedGel:  # with the images' pixels; indentation >= 0
         """Read the gel in photographs, whose light may have drifted since the untouched one."""
         self._check(images, untouched, pixel_aspect)
         parameter = next(self.network.parameters())
@@ -165,7 +159,7 @@ class LocalTouchModel(TouchModel):
                 maps = torch.stack([shape.depth.clamp(min=0) / MM, shape.contact], dim=1)
                 batches.append(interpolate(maps, size=images.shape[1:3], mode="bilinear").cpu())
         depth, contact = torch.cat(batches).unbind(dim=1)
-        return GelReading(depth.float().numpy(), (contact > 0).numpy())
+        return PressedGel(depth.float().numpy(), (contact > 0).numpy())
 
     def maps(self, images: np.ndarray) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Predict the depth D, of the gel at rest less its indentation, and find the contact."""

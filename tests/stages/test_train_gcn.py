@@ -9,9 +9,8 @@ import pytest
 import torch
 
 from pipeline.errors import InvalidInput, StoreError
-from pipeline.kernels.metrics.chamfer import chamfer
+from pipeline.kernels.metrics.chamfer import chamfer, sample_surface
 from pipeline.kernels.metrics.cloud_distances import sampled_area, sampling_floor
-from pipeline.kernels.metrics.surface_sampling import sample_surface
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.models.families import load_reconstructor

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from pipeline.console import NAMED, pluralise
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array
-from pipeline.kernels.touch.optics import POSITION_TERMS
-from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.sensor import POSITION_TERMS, Sensor
 from pipeline.kernels.touch.tactile_image import untouched_image
 
 GRID = 32  # cells per side in which photographs are averaged before they are compared: noise does not count

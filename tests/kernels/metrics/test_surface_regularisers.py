@@ -5,7 +5,7 @@ import torch
 import trimesh
 
 from pipeline.kernels.geometry.mesh import mesh_edges
-from pipeline.kernels.metrics.surface_sampling import edge_length
+from pipeline.kernels.metrics.chamfer import edge_length
 
 CUBE = trimesh.creation.box()
 CORNERS = torch.tensor(CUBE.vertices)

@@ -5,7 +5,7 @@ import torch
 from scipy import stats
 from torch import Tensor
 
-from pipeline.kernels.metrics.surface_sampling import map_to_surface, sample_surface
+from pipeline.kernels.metrics.chamfer import map_to_surface, sample_surface
 
 FACES = torch.tensor([[0, 1, 2], [0, 2, 3], [1, 1, 2], [0, 3, 4]])  # the third has no area
 VERTICES = torch.tensor([[0.0, 0, 0], [1, 0, 0], [1, 2, 0], [0, 2, 1], [-0.1, 0, 0.3]], dtype=torch.float64)
