@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from pipeline.config.settings import setting
 from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows, touch_sensor
-from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
+from pipeline.engine.stage import Cost, DatasetJob
 from pipeline.kernels.touch.sensor import MM, Sensor
 from pipeline.rng import seeded_weights
 from pipeline.store.storage import Location
 from pipeline.training.learner import Learner
 from pipeline.training.settings import Schedule, TrainingSettings
+from pipeline.training.training_stage import Training
 from schemas.base import Artifact
 from schemas.presses import PRESSES
 
@@ -256,19 +257,15 @@ def _blurred(image: Tensor, sigma: float) -> Tensor:
     return conv2d(conv2d(padded, weights), weights.transpose(2, 3))[:, 0]
 
 
-class TrainTouch(DatasetStage):
+class TrainTouch(Training):
     """Train a small network that reads the gel's depth and contact from changes of colour."""
 
     name = NAME
     summary = "A local network that reads depth and contact in photographs of a sensor, from simulated presses."
     settings_type = TouchTrainingSettings
-    trains = True
 
     def inputs(self, settings: TouchTrainingSettings) -> tuple[Artifact, ...]:
         return (PRESSES,)
-
-    def splits(self, settings: TouchTrainingSettings) -> tuple[str, ...]:
-        return ("train", "valid")
 
     def writes(self, settings: TouchTrainingSettings) -> str:
         return "models/touch"

@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline.config.settings import setting
 from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows
-from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
+from pipeline.engine.stage import Cost, DatasetJob
 from pipeline.engine.trade import Trade
 from pipeline.errors import StageError
 from pipeline.kernels.touch.depth_maps import gel_surface, gel_top, in_gel
@@ -21,6 +21,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location
 from pipeline.training.learner import Learner
 from pipeline.training.settings import Schedule, TrainingSettings
+from pipeline.training.training_stage import Training
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.touch import TOUCH
@@ -145,19 +146,15 @@ class UnetLearner(Learner):
         return loss, (predicted - visible_depth(depth, gel)).detach()[mask].double()
 
 
-class TrainUnet(DatasetStage):
+class TrainUnet(Training):
     """Train a network that predicts depth from tactile images."""
 
     name = "train-unet"
     summary = "A U-Net that predicts each sensor's depth map from its tactile image."
     settings_type = UnetSettings
-    trains = True
 
     def inputs(self, settings: UnetSettings) -> tuple[Artifact, ...]:
         return (TOUCH, GRASPS)
-
-    def splits(self, settings: UnetSettings) -> tuple[str, ...]:
-        return ("train", "valid")
 
     def writes(self, settings: UnetSettings) -> str:
         return "models/unet"

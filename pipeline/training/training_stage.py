@@ -37,10 +37,19 @@ OTHER_STAGES = {"side": "fit-charts"}
 """Stages that set entries of a network's description, by entry; its training sets the others."""
 
 
-class ReconstructionTraining(DatasetStage):
-    """Train a network of one configuration."""
+class Training(DatasetStage):
+    """A stage that trains a network."""
 
     trains = True
+
+    def splits(self, settings: Any) -> tuple[str, ...]:
+        """Name the splits: one to learn from, one to choose the best epoch by."""
+        return ("train", "valid")
+
+
+class ReconstructionTraining(Training):
+    """Train a network of one configuration."""
+
     learner: ClassVar[type[ReconstructionLearner]]  # it has the loss
     target: ClassVar[Artifact] = SURFACES  # holds the targets
     arrays: ClassVar[tuple[str, ...]]  # those of `target` that are read
@@ -60,10 +69,6 @@ class ReconstructionTraining(DatasetStage):
 
         folder = trained_folder(models_location(settings.pretrained), settings.configuration)
         return [folder / file for file in (DESCRIPTION, WEIGHTS)]
-
-    def splits(self, settings: Any) -> tuple[str, ...]:
-        """Name the splits: one to learn from, one to choose the best epoch by."""
-        return ("train", "valid")
 
     def writes(self, settings: Any) -> str:
         """Name the folder of the configuration's model, below the data directory."""

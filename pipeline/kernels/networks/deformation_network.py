@@ -1,14 +1,13 @@
 """The network that deforms vision charts around touch charts: image encoder, perceptual pooling, graph network (Tables 6-11)."""
 
 from collections.abc import Sequence
-from functools import partial
 
 import torch
 from torch import Tensor, nn
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.vision_charts import vision_charts
-from pipeline.kernels.networks.chart_graph import ChartGraph, GraphConvolutionNetwork, chart_graph
+from pipeline.kernels.networks.chart_graph import GraphConvolutionNetwork, chart_graph
 from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, pool_features, project_to_pixels
 from pipeline.kernels.networks.network_configurations import NetworkConfig
 from pipeline.kernels.tensors import draw_weights
@@ -66,32 +65,21 @@ class DeformationNetwork(nn.Module):
         touch = (touch_vertices.to(start) - start.new_tensor(self.config.centre)) / self.config.radius  # (T, S, 3)
         graph = chart_graph(self.charts, self.config.side, counts, like=start, touch_edges=self.config.touch_edges)
         mask = torch.where(touched, TOUCHED, NOT_TOUCHED).to(start)[:, None, None].expand(*touch.shape[:2], 1)  # (T, S, 1)
-        displacements = partial(
-            self._displacements,
-            touch=touch,
-            mask=graph.join(torch.full_like(vision[..., :1], VISION), mask),
-            maps=[] if images is None or self.encoder is None else self.encoder(images.to(start.dtype)),
-            cameras=None if camera is None else camera.to(start).expand(len(counts), 3, 4),
-            graph=graph,
-        )
+        masks = graph.join(torch.full_like(vision[..., :1], VISION), mask)
+        maps = [] if images is None or self.encoder is None else self.encoder(images.to(start.dtype))
+        cameras = None if camera is None else camera.to(start).expand(len(counts), 3, 4)
         for _ in range(self.config.passes):
-            moved = displacements(vision)
+            positions = graph.join(vision, touch)  # (N, 3)
+            features = [positions, masks] if self.config.touch else [positions]
+            if cameras is not None:
+                items = enumerate(torch.split(positions, graph.sizes))
+                image_features = [self._image_features(item, [map_[i : i + 1] for map_ in maps], cameras[i]) for i, item in items]
+                features.append(torch.cat(image_features))
+            moved = graph.vision_vertices(self.gcn(torch.cat(features, dim=1), graph))  # (B, V, 3) radii
             if self.config.seams == "tied":
                 moved = self.merge_coinciding(moved)[:, self._position(moved.device)]
             vision = vision + moved
         return self._to_world(vision)
-
-    def _displacements(
-        self, vision: Tensor, *, touch: Tensor, mask: Tensor, maps: list[Tensor], cameras: Tensor | None, graph: ChartGraph
-    ) -> Tensor:
-        """Compute the displacements (B, V, 3) of the vision vertices (B, V, 3) in one pass, radii."""
-        positions = graph.join(vision, touch)  # (N, 3)
-        features = [positions, mask] if self.config.touch else [positions]
-        if cameras is not None:
-            items = enumerate(torch.split(positions, graph.sizes))
-            image_features = [self._image_features(item, [map_[i : i + 1] for map_ in maps], cameras[i]) for i, item in items]
-            features.append(torch.cat(image_features))
-        return graph.vision_vertices(self.gcn(torch.cat(features, dim=1), graph))
 
     def merge_coinciding(self, vertices: Tensor) -> Tensor:
         """Average the features (B, V, F) of coinciding vertices: (B, P, F) for the sphere's P distinct positions."""
