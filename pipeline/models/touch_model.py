@@ -1,9 +1,10 @@
 """Trained networks that read tactile images: depth maps, contact and local point clouds."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
@@ -82,6 +83,8 @@ class TouchModel(ABC):
     network: nn.Module
     sensor: Sensor  # whose tactile images it was trained on
     untouched: NDArray[np.uint8]  # (H, W, 3), that sensor's image with nothing on it
+    stage: ClassVar[str]  # it trains such a network
+    may_differ: ClassVar[Mapping[str, Any]] = {}  # entries that may differ from the sensor's, as pydantic's `exclude`
 
     @abstractmethod
     def maps(
@@ -96,9 +99,13 @@ class TouchModel(ABC):
         sensor = resample(self.sensor, *depth.shape[1:])
         return [masked_points(*maps, sensor) for maps in zip(depth, mask, strict=True)]
 
-    @abstractmethod
     def check_sensor(self, sensor: Sensor) -> None:
         """Raise an `InvalidInput` if the network was trained on another sensor's tactile images."""
+        if differing := sensor_differences(self.sensor, sensor, but_for=self.may_differ):
+            raise InvalidInput(
+                f"the network knows sensor {self.sensor.name}, the tactile images are {sensor.name}'s, and {', '.join(differing)} differ: "
+                f"run {self.stage} for it"
+            )
 
 
 @dataclass(frozen=True)
@@ -107,6 +114,7 @@ class UnetTouchModel(TouchModel):
 
     network: UNet
     mask_threshold: float
+    stage = "train-unet"
 
     def maps(self, images: np.ndarray) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Predict the depth D, and find the pixels whose colour differs from the untouched image's."""
@@ -117,13 +125,6 @@ class UnetTouchModel(TouchModel):
             share = torch.cat([self.network(network_input(batch, parameter.dtype)) for batch in batches])
             depth = (share * gel_top(self.sensor)).float().cpu().numpy()
         return depth, contact_mask(torch.tensor(images), torch.tensor(self.untouched), self.mask_threshold).numpy()
-
-    def check_sensor(self, sensor: Sensor) -> None:
-        """Raise an `InvalidInput` if the sensor is another one."""
-        if sensor != self.sensor:
-            raise InvalidInput(
-                f"the U-Net knows sensor {self.sensor.name}, the tactile images are {sensor.name}'s: run train-unet on these"
-            )
 
     def _check(self, images: np.ndarray) -> None:
         if images.ndim != 4 or images.shape[1:] != self.untouched.shape or images.dtype != np.uint8:
@@ -138,6 +139,8 @@ class LocalTouchModel(TouchModel):
     """A local network, for images of its sensor with any number of pixels: they are resampled to those of its training."""
 
     network: LocalNetwork
+    stage = "train-touch"
+    may_differ = MAY_DIFFER
 
     def read(
         self,
@@ -166,14 +169,6 @@ class LocalTouchModel(TouchModel):
         reading = self.read(images)
         gel_at_rest = gel_surface(resample(self.sensor, *images.shape[1:3]))
         return np.maximum(gel_at_rest - reading.indentation, 0).astype(np.float32), reading.contact
-
-    def check_sensor(self, sensor: Sensor) -> None:
-        """Raise an `InvalidInput` if the sensor is another one, but for the entries `MAY_DIFFER`."""
-        if differing := sensor_differences(self.sensor, sensor, but_for=MAY_DIFFER):
-            raise InvalidInput(
-                f"the local network knows sensor {self.sensor.name}, the tactile images are {sensor.name}'s, and {', '.join(differing)} "
-                "differ: run train-touch for it"
-            )
 
     def _resized(self, images: np.ndarray, parameter: Tensor) -> Tensor:
         """Average (…, H, W, 3) images to the network's pixels: (B, 3, rows, cols), levels."""

@@ -80,12 +80,15 @@ class Items:
         order: np.ndarray,  # permutation of all grasps, from which the further ones are taken
         inputs: NetworkInputs | None = None,  # of a network that takes any
     ) -> Observation:
-        """Read the network's input of `count` grasps, or of a viewpoint: the item's own, then further ones."""
+        """Read the network's input of `count` grasps: the item's own, then further ones."""
+        return stored_observation(self.rows, self.object_of(item), self.grasps_of(item, count, order), inputs or self.config)
+
+    def grasps_of(self, item: int, count: int, order: np.ndarray) -> list[int]:
+        """Choose the grasps, or the viewpoint, of an item; parameters as `view`."""
         first = item % self.items_per_object % len(order)
         if self.items_per_object < len(order):  # fewer items than grasps, or viewpoints: each of them comes first at some time
             first = int(order[first])
-        grasps = [first, *(grasp for grasp in order.tolist() if grasp != first)][:count]
-        return stored_observation(self.rows, self.object_of(item), grasps, inputs or self.config)
+        return [first, *(grasp for grasp in order.tolist() if grasp != first)][:count]
 
     def random_view(
         self,
