@@ -23,7 +23,7 @@ settings.load_profile("quick")
 
 
 def pytest_configure() -> None:
-    """Restore Ctrl-C if a background job of a shell ignores it, because programs that tests interrupt inherit that; do not wait for disks."""
+    """Restore Ctrl-C, which a background job of a shell ignores, for programs that tests interrupt; do not wait for disks."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     os.fsync = lambda file: None  # half the time of tests that write datasets
