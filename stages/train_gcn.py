@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
 
 from pipeline.config.settings import setting
-from pipeline.engine.stage import Cost
-from pipeline.engine.trade import Trade
+from pipeline.engine.stage import Cost, Trade
 from pipeline.kernels.charts.touch_chart import SIDE
 from pipeline.kernels.geometry.mesh import mesh_edges
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR

@@ -11,8 +11,7 @@ import numpy as np
 
 from pipeline.config.settings import setting
 from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows
-from pipeline.engine.stage import Cost, DatasetJob
-from pipeline.engine.trade import Trade
+from pipeline.engine.stage import Cost, DatasetJob, Trade
 from pipeline.errors import StageError
 from pipeline.kernels.touch.depth_maps import gel_surface, gel_top, in_gel
 from pipeline.kernels.touch.sensor import Sensor

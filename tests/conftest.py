@@ -23,10 +23,12 @@ settings.load_profile("quick")
 
 
 def pytest_configure() -> None:
-    """Compute on one thread per process; restore Ctrl-C if a background job of a shell ignores it: what tests interrupt inherits that."""
+    """Compute on one thread per process; restore Ctrl-C, which a background job of a shell ignores, for programs that tests interrupt;
+    do not wait for disks."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    os.fsync = lambda file: None  # half the time of tests that write datasets
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -18,11 +18,10 @@ from torch.nn.parallel import DistributedDataParallel
 from torch.utils.tensorboard import SummaryWriter
 
 from pipeline.console import Meter, console_on, pluralise
-from pipeline.engine.versions import processor
 from pipeline.errors import InvalidInput, StageError
 from pipeline.rng import numpy_rng, torch_generator
 from pipeline.store.digest import LOGS
-from pipeline.store.record import processor_kind
+from pipeline.store.record import processor, processor_kind
 from pipeline.training import checkpoint
 from pipeline.training.device import device_of, torch_threads
 from pipeline.training.learner import Learner
