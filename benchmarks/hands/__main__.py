@@ -4,17 +4,19 @@ import argparse
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
 import psutil
 import yaml
 
 from benchmarks.timing import Table
-from pipeline.dataset.touch_statistics import Tally, tally
 from pipeline.errors import StoreError
 from pipeline.formats.hand_file import load_hand
 from pipeline.store.directory import DataDirectory
+from pipeline.tables.touch_tables import ObjectTouches, joined, read_touches
 from schemas.grasps import GRASPS
 from stages.registry import DATASET
 
@@ -45,10 +47,11 @@ def main() -> None:
         began = time.perf_counter()
         touches, peak = _run(path, options.data / name, options)
         minutes = round((time.perf_counter() - began) / 60, 1)
-        objects, share, tried = len(touches.touched), "–", "–"
+        objects, share, tried = len(touches), "–", "–"
         if objects:
-            share, tried = (f"{value:.1f}" for value in touches.row()[3:])
-            reached += touches.row()[3] >= ENOUGH
+            success = 100 * float(joined(touches, "touched").mean())
+            share, tried = f"{success:.1f}", f"{100 * np.mean([item.attempts for item in touches]):.1f}"
+            reached += success >= ENOUGH
         failed = len(list(DataDirectory(options.data / name).collection(GRASPS))) - objects
         table.add(name, len(hand.fingers), len(hand.sensors), len(hand.joint_names), seconds, minutes, peak, objects, failed, share, tried)
     print(table.markdown(f"{reached} of {len(table.rows)} hands reach {ENOUGH:g} % of successful touches."))
@@ -56,8 +59,8 @@ def main() -> None:
         sys.exit(1)
 
 
-def _run(hand: Path, data: Path, options: argparse.Namespace) -> tuple[Tally, int]:
-    """Check a hand, run the stages with it, and print the summary; return the tally of all categories and the peak memory, MB."""
+def _run(hand: Path, data: Path, options: argparse.Namespace) -> tuple[Sequence[ObjectTouches], int]:
+    """Check a hand, run the stages with it, and print the summary; return the touches of all objects and the peak memory, MB."""
     pipeline = [sys.executable, "-m", "pipeline"]
     peak = _peak([*pipeline, "check", str(hand)], cwd=data.parent)
     for stage in DATASET:
@@ -67,11 +70,10 @@ def _run(hand: Path, data: Path, options: argparse.Namespace) -> tuple[Tally, in
         peak = max(peak, _peak([*pipeline, *command, *(part for text in settings for part in ("--set", text))]))
     subprocess.run([*pipeline, "summary", str(data)], check=False)
     try:
-        tallies = tally(data).values()
+        return read_touches(data).objects, peak
     except StoreError as error:
         print(f"{hand.stem}: {error}")
-        tallies = {}.values()
-    return Tally([t for entry in tallies for t in entry.touched], [t for entry in tallies for t in entry.tried]), peak
+        return [], peak
 
 
 def _peak(command: list[str], cwd: Path | None = None) -> int:

@@ -16,7 +16,6 @@ from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.labelled import open_artifact
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.dataset.touch_statistics import has_paper_sizes, sensors_of, tally
 from pipeline.errors import StoreError
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.store import digest
@@ -28,7 +27,7 @@ from pipeline.store.record import Failure, FolderRecord, RowRecord, ShardRecord
 from pipeline.store.rows import Result, Row, row_digest
 from pipeline.store.validate import problems_below
 from pipeline.tables import status
-from pipeline.tables.touch_tables import touch_tables
+from pipeline.tables.touch_tables import read_touches, touch_tables
 from schemas.base import COMMON, FIXED, Array
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -67,7 +66,7 @@ def _checks(data: Path) -> Iterator[Callable[[], object]]:
     yield lambda: _check_all(data)
     yield lambda: status.show(status.read_account(data), Console(file=io.StringIO()))
     yield lambda: status.read_account(data).to_json()
-    yield lambda: show_tables(Console(file=io.StringIO()), touch_tables(tally(data), sensors_of(data), paper=has_paper_sizes(data)))
+    yield lambda: show_tables(Console(file=io.StringIO()), touch_tables(read_touches(data)))
     for artifact in (SURFACES, GRASPS, TOUCH):
         yield lambda artifact=artifact: open_artifact(data, artifact.name)
     yield lambda: read_mesh(DataDirectory(data).collection(SURFACES).view("a"))

@@ -104,13 +104,12 @@ def summary(
     most: Annotated[int, typer.Option(min=1, help="Maximum number of objects to draw, spread evenly.")] = 40,
 ) -> None:
     """Print a dataset's statistics and draw its contact sheets."""
-    from pipeline.dataset.touch_statistics import has_paper_sizes, sensors_of, tally
     from pipeline.drawing.contact_sheet import SHOWN, contact_sheets
-    from pipeline.tables.touch_tables import touch_tables
+    from pipeline.tables.touch_tables import read_touches, touch_tables
 
     directory = as_location(data)
     print_lines(directory.resolve())
-    show_tables(console, touch_tables(tally(directory), sensors_of(directory), paper=has_paper_sizes(directory)))
+    show_tables(console, touch_tables(read_touches(directory)))
     missing = [name for name in SHOWN if not DataDirectory(directory).collection(ARTIFACTS[name]).shards]
     if missing:
         print_lines(f"no contact sheets: {' and '.join(missing)} {'have' if len(missing) > 1 else 'has'} not been made")

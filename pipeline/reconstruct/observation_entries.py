@@ -7,9 +7,10 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema, model_validator
 from scipy.spatial.transform import Rotation
 
+from pipeline.entries import Entries
 from pipeline.formats.description_file import shipped_files
 from pipeline.formats.image_file import read_depth, read_image, read_mask
 from pipeline.formats.sensor_file import load_sensor
@@ -25,10 +26,10 @@ Vector = tuple[float, float, float]
 Row = tuple[float, float, float, float]
 
 
-class Entries(BaseModel):
+class ObservationEntries(Entries):
     """Entries of an observation file."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
+    model_config = ConfigDict(arbitrary_types_allowed=True)
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
         for name in type(self).model_fields:
@@ -80,7 +81,7 @@ def size_text(array: NDArray[Any]) -> str:
     return f"{array.shape[1]} x {array.shape[0]}"
 
 
-class Pose(Entries):
+class Pose(ObservationEntries):
     """A frame in the file's frame: `position`, and `quaternion` or `rpy`; or `matrix`, which may be given in place of the mapping."""
 
     position: Vector | None = Field(default=None, description="of the frame's origin")

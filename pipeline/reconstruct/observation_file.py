@@ -16,7 +16,17 @@ from pipeline.formats.description_file import entries_of, entry_names, invalid_e
 from pipeline.formats.file_units import METRES
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import foreground
-from pipeline.reconstruct.observation_entries import Depth, Entries, Image, Mask, Pose, SensorName, Vector, check_array, size_text
+from pipeline.reconstruct.observation_entries import (
+    Depth,
+    Image,
+    Mask,
+    ObservationEntries,
+    Pose,
+    SensorName,
+    Vector,
+    check_array,
+    size_text,
+)
 
 MAX_TOUCHES = 256
 CHANGED, CONTACT_SHARE = 8, 0.5
@@ -25,7 +35,7 @@ SMOOTHED = 1 / 33
 """Share of a tactile image's shorter side over which differences are averaged before: noise of single pixels is no touch."""
 
 
-class ObservedObject(Entries):
+class ObservedObject(ObservationEntries):
     """Where the object is."""
 
     centre: Vector | None = Field(
@@ -34,7 +44,7 @@ class ObservedObject(Entries):
     diagonal: float | None = Field(default=None, gt=0, description="of its bounding box; by default estimated from `depth` and `mask`")
 
 
-class Intrinsics(Entries):
+class Intrinsics(ObservationEntries):
     """Focal lengths and principal point, pixels; the centre of the top left pixel is (½, ½)."""
 
     fx: float = Field(ge=10, le=1e6, description="focal length along columns")
@@ -43,7 +53,7 @@ class Intrinsics(Entries):
     cy: float = Field(ge=-1e6, le=1e6, description="row of the principal point; OpenCV's and ROS's plus ½")
 
 
-class ObservedCamera(Entries):
+class ObservedCamera(ObservationEntries):
     """A rectified photograph and its camera."""
 
     image: Image = Field(description="8-bit RGB photograph, without distortion")
@@ -117,7 +127,7 @@ class View:
         return bool(((pixel >= 0) & (pixel < [cols, rows])).all())  # NaN behind the camera is not
 
 
-class ObservedTouch(Entries):
+class ObservedTouch(ObservationEntries):
     """A tactile image and the pose of its sensor."""
 
     tactile_image: Image = Field(description="8-bit RGB photograph by the sensor's camera, +x along columns, +y along rows")
@@ -128,7 +138,7 @@ class ObservedTouch(Entries):
     name: str | None = Field(default=None, max_length=100, description="for messages: `index`, `thumb`")
 
 
-class RobotObservation(Entries):
+class RobotObservation(ObservationEntries):
     """A robot's observation of one static object, in one frame (e.g. its base)."""
 
     unit: Literal["mm", "cm", "dm", "m", "in", "ft"] = Field(default="m", description="of all lengths, and of the reconstruction")

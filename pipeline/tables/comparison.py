@@ -1,15 +1,27 @@
-"""Scores that may be compared with an evaluation, and the figures of both."""
+"""Evaluations that may be compared: scores of other methods beside an evaluation, and evaluations of several trainings."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pipeline.console import Table, abbreviate
+from pipeline.errors import StoreError
+from pipeline.store.directory import DataDirectory
+from pipeline.store.validate import check_origins
 from stages.evaluate.baselines import BASELINE_PREFIX
-from stages.evaluate.evaluation_files import SHIPPED_ROWS, Figures, read_figures, read_root, read_table
+from stages.evaluate.evaluation_files import SHIPPED_ROWS, SHIPPED_SCORES, Figures, read_figures, read_root, read_table
+from stages.evaluate.shipped import shipped_digest
 
 COMPARED = ("points", "tau", "scale", "rings")
 """Settings that figures in one table share."""
+MAY_DIFFER = ("training_seed", "configurations")
+"""Settings in which evaluations of several trainings may differ."""
+
+Values = dict[str, dict[int, Figures]]
+"""By configuration, the figures of each of its trainings, by seed."""
 
 
 def difference(folder: Path, other: Path) -> str | None:
@@ -41,17 +53,13 @@ def comparable_figures(
                 label = f"{name}, scored" if name in inputs_by_name else name
                 inputs_by_name[label], figures[label] = inputs, theirs[name]
                 figures = {**{key: theirs[key] for key in theirs if key.startswith(BASELINE_PREFIX)}, **figures}
-    common = _common_firsts([figures[name] for name in inputs_by_name])
+    firsts = [figures[name].firsts(number) for name in inputs_by_name for number in figures[name].grasps]
+    common = set.intersection(*firsts)
+    if all(grasps == common for grasps in firsts):
+        return inputs_by_name, figures, None
     if common:
         figures |= {name: figures[name].only(common) for name in inputs_by_name}
     return inputs_by_name, figures, common
-
-
-def _common_firsts(networks: Sequence[Figures]) -> set[int] | None:
-    """Intersect the first grasps that networks have with each number of grasps; None if all have the same."""
-    firsts = [figures.firsts(number) for figures in networks for number in figures.grasps]
-    common = set.intersection(*firsts)
-    return None if all(have == common for have in firsts) else common
 
 
 def about_rows(folder: Path, scored: Sequence[Path], common: set[int] | None) -> Iterator[Table]:
@@ -68,3 +76,48 @@ def about_rows(folder: Path, scored: Sequence[Path], common: set[int] | None) ->
             learned = settings["learned_from"]
             known = f"; it was trained on {len(learned)} of these objects ({abbreviate(learned)})" if learned else ""
             yield Table(f"{SHIPPED_ROWS}…: the pretrained network, given the first grasp of each object alone{known}.")
+
+
+def scores(directory: DataDirectory) -> dict[str, str | None]:
+    """List the scores in a data directory, with the reason if one is out of date."""
+    return {name: _outdated(directory, name) for name in directory.folders() if name.startswith("scores/")}
+
+
+def _outdated(directory: DataDirectory, name: str) -> str | None:
+    try:
+        check_origins(directory, [name])
+        settings = read_root(directory.verified_folder(name))["settings"]
+    except StoreError as error:
+        return str(error)
+    other_weights = name == SHIPPED_SCORES and settings["weights"] != shipped_digest()
+    return "the pretrained network is another now; measure it with `report --shipped`" if other_weights else None
+
+
+def current_scores(directory: DataDirectory) -> list[str]:
+    """Name the scores that were made from the current inputs."""
+    return [name for name, problem in scores(directory).items() if problem is None]
+
+
+def read_values(folders: Sequence[Path]) -> Values:
+    """Read the values per object of evaluations; raise a `StoreError` if their objects or settings differ."""
+    values: Values = {}
+    objects, settings = read_table(folders[0], "objects")["object_id"].tolist(), read_root(folders[0])["settings"]
+    for folder in folders:
+        theirs = read_root(folder)["settings"]
+        names = sorted((settings.keys() | theirs.keys()) - set(MAY_DIFFER))
+        if name := next((name for name in names if theirs.get(name) != settings.get(name)), None):
+            differ = f"{folders[0]} was made with {name}={settings.get(name)}, {folder} with {name}={theirs.get(name)}"
+            raise StoreError(f"{differ}; run evaluate again for each training seed with the same settings")
+        if read_table(folder, "objects")["object_id"].tolist() != objects:
+            raise StoreError(f"{folder} and {folders[0]} evaluate different objects; run evaluate again for each training seed")
+        figures = read_figures(folder)
+        for name in read_root(folder)["configurations"]:
+            if name not in figures:
+                raise StoreError(f"{folder} has no figures of {name}, which it lists; run evaluate again")
+            values.setdefault(name, {})[theirs["training_seed"]] = figures[name]
+    return values
+
+
+def chamfer_of(trainings: Iterable[Figures], grasps: int) -> NDArray[np.float64]:
+    """Compute the (training, object) Chamfer distances with a number of `grasps`, m²."""
+    return np.stack([figures.per_object("chamfer", grasps) for figures in trainings])

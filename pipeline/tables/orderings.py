@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.console import Row, Table
-from pipeline.dataset.touch_statistics import PAPER
 from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, difference_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.models.families import FAMILIES, ROWS, network_of
 from pipeline.rng import numpy_rng
-from pipeline.tables.supplement_figures import TABLE_2, TABLE_3
-from pipeline.tables.training_seeds import Values, chamfer_of, read_values
+from pipeline.tables.comparison import Values, chamfer_of, read_values
+from pipeline.tables.supplement_figures import PAPER, TABLE_2, TABLE_3
 from stages.evaluate.evaluation_files import Figures, read_root
 
 MIN_OBJECTS = 6
@@ -60,17 +59,15 @@ class Claim(NamedTuple):
 def orderings(folders: Sequence[Path]) -> list[Verdict]:
     """Test the claims that evaluations of the same objects, one per training seed, allow: one verdict each."""
     values, root = read_values(folders), read_root(folders[0])
-    seed = root["seed"]
-    claims = [*_modalities(values), *_grasps(values), *_rings(values)]
-    if not root["paper_sizes"]:
-        claims = [claim._replace(supplement=None) for claim in claims]
-    return [_verdict(claim, numpy_rng(seed, "orderings", claim.text)) for claim in claims if claim.smaller.size]
-
-
-def _verdict(claim: Claim, rng: np.random.Generator) -> Verdict:
-    smaller, larger = TABLE_3_FACTOR * claim.smaller, TABLE_3_FACTOR * claim.larger
-    difference = difference_interval(smaller, larger, rng, same_trainings=claim.same_trainings)
-    return Verdict(claim.text, float(smaller.mean()), float(larger.mean()), difference, claim.supplement)
+    verdicts = []
+    for claim in (*_modalities(values), *_grasps(values), *_rings(values)):
+        if claim.smaller.size:
+            smaller, larger = TABLE_3_FACTOR * claim.smaller, TABLE_3_FACTOR * claim.larger
+            rng = numpy_rng(root["seed"], "orderings", claim.text)
+            interval = difference_interval(smaller, larger, rng, same_trainings=claim.same_trainings)
+            supplement = claim.supplement if root["paper_sizes"] else None
+            verdicts.append(Verdict(claim.text, float(smaller.mean()), float(larger.mean()), interval, supplement))
+    return verdicts
 
 
 def _modalities(values: Values) -> Iterator[Claim]:
@@ -95,14 +92,12 @@ def _trainings(values: Values, first: str, second: str) -> tuple[list[Figures], 
 
 def _grasps(values: Values) -> Iterator[Claim]:
     """Claim that more grasps are better: each against one fewer, and the most against one."""
-    with_touch = ("touch", "occluded-touch", "unoccluded-touch")
-    for name in (prefix + name for prefix in PREFIXES for name in with_touch):
+    for name in (prefix + name for prefix in PREFIXES for name in ("touch", "occluded-touch", "unoccluded-touch")):
         trainings = [*values.get(name, {}).values()]
         counts = trainings[0].grasps if trainings else []
         for fewer, more in (*pairwise(counts), *([(counts[0], counts[-1])] if len(counts) > 2 else [])):
             figures = _printed(TABLE_3, (name, more - 1), (name, fewer - 1))
-            nearer, further = (chamfer_of(trainings, count) for count in (more, fewer))
-            yield Claim(f"{name}: {more} grasps < {fewer}", nearer, further, figures, True)
+            yield Claim(f"{name}: {more} grasps < {fewer}", chamfer_of(trainings, more), chamfer_of(trainings, fewer), figures, True)
 
 
 def _rings(values: Values) -> Iterator[Claim]:
@@ -117,20 +112,11 @@ def _rings(values: Values) -> Iterator[Claim]:
         ):
             if {first, second} <= values.keys() and (first, ring) != (second, other_ring):
                 nearer, further, same = _trainings(values, first, second)
-                (smaller, sites), (larger, other_sites) = _ring(nearer, ring), _ring(further, other_ring)
-                in_both = (sites > 0) & (other_sites > 0)
+                in_both = (nearer[0].ring(ring + 1)[1] > 0) & (further[0].ring(other_ring + 1)[1] > 0)  # objects with points in both
+                smaller = np.stack([figures.ring(ring + 1)[0][in_both] for figures in nearer])
+                larger = np.stack([figures.ring(other_ring + 1)[0][in_both] for figures in further])
                 text = f"{first}: ring ×{ring + 1} < ring ×{other_ring + 1}" if first == second else f"ring ×1: {first} < {second}"
-                figures = _printed(TABLE_2, (first, ring), (second, other_ring), TABLE_3_FACTOR)
-                yield Claim(text, smaller[:, in_both], larger[:, in_both], figures, same)
-
-
-def _ring(
-    trainings: Sequence[Figures],
-    ring: int,  # from 0
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:  # (training, object) m²; (object,)
-    """Compute local Chamfer distances in a ring, and count the touch sites with points in it."""
-    rings = [figures.ring(ring + 1) for figures in trainings]
-    return np.stack([distances for distances, _ in rings]), rings[0][1]
+                yield Claim(text, smaller, larger, _printed(TABLE_2, (first, ring), (second, other_ring), TABLE_3_FACTOR), same)
 
 
 def _printed(

@@ -1,17 +1,24 @@
 """Statistics of a dataset's grasps, beside Table 1 and section 1.6 of the supplement, and of the hold test."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config.manifest import TOTAL
 from pipeline.console import Columns, Row, Table, tabulate
-from pipeline.dataset.touch_statistics import PAPER, SUPPLEMENT_SUCCESS, Tally
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import Location
+from pipeline.tables.supplement_figures import PAPER, TABLE_1, TOUCHES_PER_GRASP
+from schemas.grasps import GRASPS
+from stages.evaluate.measure import has_paper_sizes
 
-SUPPLEMENT_HISTOGRAM = (9.47, 26.08, 53.83, 10.61)
-"""Section 1.6: per cent of grasps with 1 to 4 successful touches."""
+CONTACT_ARRAYS = ("contact_area", "opposition", "closure")
+HOLD_ARRAYS = ("held", "held_directions", "hold_distance", "hold_speed")
 OPPOSED = 90
 """Degrees between the normals of two contacts, above which they press against each other."""
 SIZES = 5
@@ -22,96 +29,138 @@ DIRECTIONS = ("−x", "+x", "−y", "+y", "−z", "+z")
 """Directions of gravity, as in `held_directions`."""
 
 
-def touch_tables(
-    tallies: Mapping[str, Tally],  # by class
-    sensors: Sequence[str],  # names
-    *,
-    paper: bool,  # put the paper's figures beside ours; touches per grasp only for the same number of sensors
-) -> list[Table]:
+@dataclass(frozen=True)
+class ObjectTouches:
+    """The grasps of one object; None if the dataset lacks what an array is computed from."""
+
+    category: str
+    touched: NDArray[np.bool_]  # (grasp, sensor): which touches of the kept grasps succeed
+    attempts: NDArray[np.float64]  # (sensor,) share of all attempts in which a sensor touched
+    contacts: NDArray[np.float64] | None = None  # (grasp, 3) contact area, mm²; greatest angle between contacts, °; margin of closure
+    held: NDArray[np.bool_] | None = None  # (grasp,): which grasps hold the object in the hold test
+    held_directions: NDArray[np.bool_] | None = None  # (grasp, 6): the same by direction of gravity
+    motions: NDArray[np.float64] | None = None  # (grasp, 6, 2) how far, m, and how fast, m/s, the object moved in the end
+    diagonal: float = 0.0  # of the bounding box, m
+
+
+def joined(objects: Sequence[ObjectTouches], array: str) -> NDArray[Any]:
+    """Concatenate an array of objects; empty if they have none."""
+    parts = [part for item in objects if (part := getattr(item, array)) is not None]
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+@dataclass(frozen=True)
+class Touches:
+    """The grasps of a dataset's objects that did not fail, in order of their classes."""
+
+    objects: Sequence[ObjectTouches]
+    sensors: Sequence[str]  # their names
+    paper: bool  # objects have the paper's sizes: its figures are put beside ours
+
+    @property
+    def by_class(self) -> dict[str, list[ObjectTouches]]:
+        """The objects of each class."""
+        return {name: [item for item in self.objects if item.category == name] for name in dict.fromkeys(o.category for o in self.objects)}
+
+    @property
+    def per_grasp(self) -> NDArray[np.float64]:  # (1 + sensor,)
+        """The per cent of grasps with 0, 1, … successful touches."""
+        touched = joined(self.objects, "touched")
+        return np.asarray(100 * np.bincount(touched.sum(axis=1), minlength=touched.shape[1] + 1) / len(touched))
+
+    @property
+    def supplement_per_grasp(self) -> tuple[float, ...]:
+        """The supplement's figures beside `per_grasp`; empty for other sizes or another number of sensors."""
+        return TOUCHES_PER_GRASP if self.paper and len(self.sensors) + 1 == len(TOUCHES_PER_GRASP) else ()
+
+
+def read_touches(data: Location) -> Touches:
+    """Read the touches of a data directory."""
+    shard = DataDirectory(data).collection(GRASPS).first
+    contacts = CONTACT_ARRAYS if shard.has("closure") else ()  # older datasets have none
+    hold = tuple(name for name in HOLD_ARRAYS if shard.has(name))
+    rows = ObjectRows(data, ["touch_success", "attempt_success", *contacts, *hold], split=None)
+    objects = []
+    for object_id, category in zip(rows.object_ids, rows.categories, strict=True):
+        measured: dict[str, Any] = {name: rows.read(name, object_id) for name in ("held", "held_directions") if name in hold}
+        if contacts:
+            area, angle, margin = (rows.read(name, object_id) for name in contacts)
+            measured["contacts"] = np.stack([1e6 * area.sum(axis=1), angle, margin], axis=1)
+        if hold:
+            measured["diagonal"] = rows.diagonal(object_id)
+        if "hold_speed" in hold:
+            measured["motions"] = np.stack([rows.read(name, object_id) for name in ("hold_distance", "hold_speed")], axis=-1)
+        objects.append(ObjectTouches(category, rows.read("touch_success", object_id), rows.read("attempt_success", object_id), **measured))
+    sensors = [str(name) for name in shard.read("sensor")]
+    return Touches(sorted(objects, key=lambda item: item.category), sensors, has_paper_sizes(data))
+
+
+def touch_tables(touches: Touches) -> list[Table]:
     """Make the tables of touches, contacts and the hold test by class, then of touches per grasp and per sensor."""
-    total = Tally.joined(tallies.values())
-    groups = {**tallies, TOTAL: total}
+    groups = {**touches.by_class, TOTAL: touches.objects}
     columns: Columns = {
-        "objects": ("", lambda name: len(groups[name].touched)),
-        "grasps": ("", lambda name: len(_kept(groups[name]))),
-        "touches": ("", lambda name: _kept(groups[name]).size),
-        "% successful": (".1f", lambda name: 100 * float(_kept(groups[name]).mean())),
+        "objects": ("", lambda name: len(groups[name])),
+        "grasps": ("", lambda name: len(joined(groups[name], "touched"))),
+        "touches": ("", lambda name: joined(groups[name], "touched").size),
+        "% successful": (".1f", lambda name: 100 * float(joined(groups[name], "touched").mean())),
+        **({f"% in {PAPER}": ("", TABLE_1.get)} if touches.paper else {}),
+        "% of attempts, mean over objects": (".1f", lambda name: 100 * float(np.mean([item.attempts for item in groups[name]]))),
     }
-    if paper:
-        columns[f"% in {PAPER}"] = ("", SUPPLEMENT_SUCCESS.get)
-    columns["% of attempts, mean over objects"] = (".1f", lambda name: 100 * float(np.mean(groups[name].tried)))
     tables = [tabulate("Table 1: touches, all splits", "class", {name: name for name in groups}, columns)]
-    if total.hold_measures:  # area, mm², angle between contacts, and margin of force closure
-        measures: Columns = {
-            "area of contact per grasp, mm²": (".0f", lambda tally: _measures(tally)[:, 0].mean()),
-            f"% with contacts over {OPPOSED}° apart": (".1f", lambda tally: 100 * (_measures(tally)[:, 1] > OPPOSED).mean()),
-            "% with force closure": (".1f", lambda tally: 100 * (_measures(tally)[:, 2] > 0).mean()),
+    if joined(touches.objects, "contacts").size:
+        contacts: Columns = {
+            "area of contact per grasp, mm²": (".0f", lambda objects: joined(objects, "contacts")[:, 0].mean()),
+            f"% with contacts over {OPPOSED}° apart": (".1f", lambda objects: 100 * (joined(objects, "contacts")[:, 1] > OPPOSED).mean()),
+            "% with force closure": (".1f", lambda objects: 100 * (joined(objects, "contacts")[:, 2] > 0).mean()),
         }
-        tables.append(tabulate("Contacts", "class", groups, measures))
-    tables += hold_tables(tallies)
-    shares = touches_per_grasp(_kept(total))
-    rows = [Row(["here", *_rounded(shares)])]
-    if paper and (supplement := supplement_touches(len(shares))):
-        rows.append(Row([PAPER, None, *_rounded(supplement[1:])]))
-    tables.append(Table("Grasps by their number of successful touches, %", ["touches", *map(str, range(len(shares)))], rows))
-    shares_of = {"kept": _kept(total).mean(axis=0), "attempts, mean over objects": np.mean(total.tried, axis=0)}
-    rows = [Row([name, *_rounded(100 * values)]) for name, values in shares_of.items()]
-    return [*tables, Table("Successful touches of each sensor, %", ["grasps", *sensors], rows)]
+        tables.append(tabulate("Contacts", "class", groups, contacts))
+    tables += hold_tables(touches)
+    rows = [_percent_row("here", touches.per_grasp)]
+    if touches.supplement_per_grasp:
+        rows.append(Row([PAPER, None, *_percent_row("", touches.supplement_per_grasp[1:]).cells[1:]]))
+    numbers = map(str, range(len(touches.sensors) + 1))
+    tables.append(Table("Grasps by their number of successful touches, %", ["touches", *numbers], rows))
+    rows = [
+        _percent_row("kept", 100 * joined(touches.objects, "touched").mean(axis=0)),
+        _percent_row("attempts, mean over objects", 100 * np.mean([item.attempts for item in touches.objects], axis=0)),
+    ]
+    return [*tables, Table("Successful touches of each sensor, %", ["grasps", *touches.sensors], rows)]
 
 
-def _kept(tally: Tally) -> NDArray[np.bool_]:  # (grasp, sensor)
-    return np.concatenate(tally.touched)
+def _percent_row(name: str, shares: Sequence[float] | NDArray[np.float64]) -> Row:
+    return Row([name, *(f"{share:.1f}" for share in shares)])
 
 
-def _measures(tally: Tally) -> NDArray[np.float64]:  # (grasp, 3)
-    return np.concatenate(tally.hold_measures)
-
-
-def touches_per_grasp(
-    touched: NDArray[np.bool_],  # (grasp, sensor)
-) -> NDArray[np.float64]:  # (1 + sensor,)
-    """Compute the per cent of grasps with 0, 1, … successful touches."""
-    return np.asarray(100 * np.bincount(touched.sum(axis=1), minlength=touched.shape[1] + 1) / len(touched))
-
-
-def supplement_touches(count: int) -> tuple[float, ...]:
-    """Give the supplement's per cent of grasps with 0, 1, … touches; empty for another number of sensors."""
-    return (0.0, *SUPPLEMENT_HISTOGRAM) if count == 1 + len(SUPPLEMENT_HISTOGRAM) else ()
-
-
-def _rounded(shares: Iterable[float]) -> list[str]:
-    return [f"{share:.1f}" for share in shares]
-
-
-def hold_tables(tallies: Mapping[str, Tally]) -> list[Table]:
+def hold_tables(touches: Touches) -> list[Table]:
     """Tabulate which kept grasps hold the object, by class and by the object's size; none for grasps that were not tested."""
-    total = Tally.joined(tallies.values())
-    if not total.held:
+    if not joined(touches.objects, "held").size:
         return []
     columns: Columns = {
-        "objects": ("", lambda tally: len(tally.held)),
-        "grasps": ("", lambda tally: len(np.concatenate(tally.held))),
-        "touches per grasp": (".2f", lambda tally: float(_kept(tally).sum(axis=1).mean())),
-        "% that hold": (".1f", lambda tally: 100 * float(np.concatenate(tally.held).mean())),
+        "objects": ("", len),
+        "grasps": ("", lambda objects: len(joined(objects, "held"))),
+        "touches per grasp": (".2f", lambda objects: float(joined(objects, "touched").sum(axis=1).mean())),
+        "% that hold": (".1f", lambda objects: 100 * float(joined(objects, "held").mean())),
     }
-    if total.held_directions:
-        columns["% in all"] = (".1f", lambda tally: 100 * float(np.concatenate(tally.held_directions).all(axis=1).mean()))
-        for number, name in enumerate(DIRECTIONS):
-            columns[name] = (".1f", partial(_share_held, number))
-    by_size = {name: total.part(numbers) for name, numbers in size_bins(np.array(total.diagonals)).items()}
+    if joined(touches.objects, "held_directions").size:
+        columns["% in all"] = (".1f", lambda objects: 100 * float(joined(objects, "held_directions").all(axis=1).mean()))
+        columns |= {name: (".1f", partial(_percent_held, number)) for number, name in enumerate(DIRECTIONS)}
+    by_size: Mapping[str, Sequence[ObjectTouches]] = {
+        name: [touches.objects[number] for number in numbers]
+        for name, numbers in size_bins(np.array([item.diagonal for item in touches.objects])).items()
+    }
     return [
-        tabulate("Kept grasps that hold the object, by class", "class", {**tallies, TOTAL: total}, columns),
+        tabulate("Kept grasps that hold the object, by class", "class", {**touches.by_class, TOTAL: touches.objects}, columns),
         tabulate("The same, by the diagonal of the object's bounding box", "diagonal", by_size, columns),
     ]
 
 
-def _share_held(direction: int, tally: Tally) -> float:
-    return 100 * float(np.concatenate(tally.held_directions)[:, direction].mean())
+def _percent_held(direction: int, objects: Sequence[ObjectTouches]) -> float:
+    return 100 * float(joined(objects, "held_directions")[:, direction].mean())
 
 
 def size_bins(
     diagonals: NDArray[np.float64],  # (N,) m
-) -> dict[str, NDArray[np.intp]]:  # object numbers by bin name, from small to large
+) -> dict[str, list[int]]:  # object numbers by bin name, from small to large
     """Sort objects into bins of size, whose ends are the data's, by their diagonals."""
     min_count, bins = np.ceil(len(diagonals) / SIZES), list[list[int]]()
     for number in np.argsort(diagonals, kind="stable").tolist():
@@ -120,8 +169,8 @@ def size_bins(
             bins[-1].append(number)
         else:
             bins.append([number])
-    named: dict[str, NDArray[np.intp]] = {}
+    named: dict[str, list[int]] = {}
     for members in bins:
         low, high = (f"{100 * diagonals[number]:.3g}" for number in (members[0], members[-1]))
-        named[f"{low} cm" if low == high else f"{low} to {high} cm"] = np.array(members)
+        named[f"{low} cm" if low == high else f"{low} to {high} cm"] = members
     return named

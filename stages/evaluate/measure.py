@@ -23,6 +23,8 @@ from stages.evaluate.evaluation_files import Arrays, Figure, Figures
 from stages.evaluate.reconstructors import Case, Reconstructor
 
 SPLIT = "test"
+PAPER_DIAGONAL = 0.5
+"""Diagonal to which the paper scales its objects, m."""
 
 
 def training_objects(data: Location, arrays: Iterable[str]) -> ObjectRows | None:
@@ -31,6 +33,17 @@ def training_objects(data: Location, arrays: Iterable[str]) -> ObjectRows | None
         return ObjectRows(data, list(arrays), "train")
     except StoreError:
         return None
+
+
+def has_paper_sizes(data: Location) -> bool:
+    """Check whether every object was scaled to the paper's diagonal: only then can figures in metres be compared with the paper's."""
+    shard = DataDirectory(data).collection(SURFACES).first
+    if shard.attributes.get("settings", {}).get("diagonal", PAPER_DIAGONAL) != PAPER_DIAGONAL:
+        return False
+    if not shard.has("metres_per_unit"):  # older datasets keep no real sizes
+        return True
+    rows = ObjectRows(data, ["metres_per_unit"], split=None)
+    return all(rows.read("metres_per_unit", object_id) == 0 for object_id in rows.object_ids)
 
 
 class TestObjects:

@@ -128,8 +128,8 @@ class Evaluation(DatasetStage):
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Measure one network or method after the other, then the baselines; write all figures and their means."""
-        from pipeline.dataset.touch_statistics import has_paper_sizes
         from pipeline.training.device import torch_threads
+        from stages.evaluate.measure import has_paper_sizes
 
         reconstructors = self.reconstructors(job)
         protocol = self.protocol(job, reconstructors)

@@ -26,9 +26,10 @@ from pipeline.models.observation import stored_observation
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory, shard_of
+from pipeline.tables.comparison import read_values
 from pipeline.tables.evaluation_tables import evaluation_tables
 from pipeline.tables.orderings import Verdict, orderings, orderings_table
-from pipeline.tables.training_seeds import read_values, trainings_table
+from pipeline.tables.results import trainings_table
 from stages.evaluate.baselines import BASELINE_PREFIX
 from stages.evaluate.evaluation_files import TABLES_ZARR, Figures, evaluations, read_figures, read_root, read_table, write_evaluation
 from stages.evaluate.grasp_protocol import GraspProtocol

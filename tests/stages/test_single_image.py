@@ -21,8 +21,7 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
 from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.store.directory import DataDirectory
-from pipeline.tables.evaluation_tables import evaluation_tables
-from pipeline.tables.single_image_tables import means_by_class
+from pipeline.tables.evaluation_tables import evaluation_tables, means_by_class
 from pipeline.tables.supplement_figures import TABLE_4
 from schemas.surfaces import SURFACES
 from stages.evaluate.evaluation_files import read_figures

@@ -25,7 +25,7 @@ from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
 from pipeline.tables.evaluation_tables import evaluation_tables
-from pipeline.tables.training_seeds import trainings_table
+from pipeline.tables.results import trainings_table
 from pipeline.training.items import Items
 from stages.evaluate.evaluation_files import read_figures, read_root
 from stages.registry import load_stage, resolve

@@ -4,24 +4,25 @@ import datetime
 import json
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, Field
 from rich.markup import escape
 
 from pipeline.config.manifest import without_controls
 from pipeline.console import errors
 from pipeline.contrib.exports.grasp_frames import Column, GraspFrames
 from pipeline.dataset.completed_objects import CompletedObjects
-from pipeline.dataset.touch_statistics import sensors_of, tally
 from pipeline.drawing.contact_sheet import SHOWN, draw_contact_sheet
 from pipeline.drawing.picture_sheet import spread_evenly
+from pipeline.entries import Entries
 from pipeline.errors import PipelineError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Provenance
 from pipeline.store.storage import Location
-from pipeline.tables.touch_tables import touch_tables
+from pipeline.tables.touch_tables import read_touches, touch_tables
 from schemas.catalogue import ARTIFACTS, artifact_of
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -56,10 +57,8 @@ USES = (
 )
 
 
-class About(BaseModel):
+class About(Entries):
     """Entries that only the publisher of a dataset knows."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     title: Annotated[str, AfterValidator(without_controls)] | None = None
     """By default the manifest's name."""
@@ -92,7 +91,7 @@ class Facts:
         self.failed = len(directory.collection(GRASPS)) - len(frames.rows.object_ids)  # objects without a row
         self.origins = {name: collection.first.record for name, collection in collections.items() if collection.shards}
         self.name = self.origins["grasps"].manifest
-        self.tables = touch_tables(tally(data), sensors_of(data), paper=False)
+        self.tables = touch_tables(replace(read_touches(data), paper=False))
 
     @property
     def total(self) -> int:

@@ -24,9 +24,9 @@ def report(
     The tables show whether the supplement's orderings hold; the pages have a gallery and figures.
     """
     from pipeline.contrib.report.html_report import write_report
+    from pipeline.tables.comparison import scores
     from pipeline.tables.evaluation_tables import evaluation_tables
     from pipeline.tables.results import results_tables, training_facts, training_table
-    from pipeline.tables.training_seeds import outdated_scores, scores
     from stages.evaluate.evaluation_files import evaluations
 
     directory = DataDirectory(data)
@@ -35,9 +35,11 @@ def report(
 
         for reason in score_shipped(directory.root, console):
             print_lines(f"the pretrained network is not measured: {reason}")
-    evaluated, scored = evaluations(directory), scores(directory)
-    for name, problem in outdated_scores(directory).items():
-        print_lines(f"{name} is outdated: {problem}")
+    evaluated, outdated = evaluations(directory), scores(directory)
+    scored = [name for name, problem in outdated.items() if problem is None]
+    for name, problem in outdated.items():
+        if problem:
+            print_lines(f"{name} is outdated: {problem}")
     if exists(directory.folder_record(SINGLE)):
         check_origins(directory, [SINGLE])
         trained = {"single-image": training_facts(directory, "models/single-image")}

@@ -23,7 +23,6 @@ from pipeline.contrib.report.figures import CANDIDATES, clearest_grasp, draw_fig
 from pipeline.contrib.report.object_page import ObjectPages
 from pipeline.contrib.report.provenance import commands, contents_table, outside_sweeps, records, settings_tables, versions_tables
 from pipeline.contrib.report.report_source import ReportSource
-from pipeline.dataset.touch_statistics import PAPER, Tally, has_paper_sizes, sensors_of
 from pipeline.drawing.picture_sheet import spread_evenly
 from pipeline.drawing.plots import draw_bars, draw_curves, draw_errors, draw_histogram
 from pipeline.drawing.written_files import WRITTEN, ObjectCard, Pages, read_list, refuse_links
@@ -37,7 +36,8 @@ from pipeline.store.directory import changed_files
 from pipeline.store.storage import Location, exists, remove
 from pipeline.tables.results import results_tables, trained_models, training_losses
 from pipeline.tables.results_summary import GIVEN, summarise
-from pipeline.tables.touch_tables import supplement_touches, touch_tables, touches_per_grasp
+from pipeline.tables.supplement_figures import PAPER
+from pipeline.tables.touch_tables import ObjectTouches, joined, touch_tables
 from pipeline.tradeoff.measured import END_TO_END, read_trades
 from pipeline.tradeoff.trade_pictures import draw_trade, used_point
 from stages.registry import TRADED
@@ -69,15 +69,14 @@ def write_report(data: Location, console: Console, max_objects: int = 10) -> Loc
             shutil.copyfile(ASSETS / name, folder / name)
         objects = _write_objects(source, folder, console, before, changed_files(report, before.every_file()))
         cards = [{"id": name, **card.model_dump()} for name, card in objects.items()]
-        paper = has_paper_sizes(data)
         _write(
             source,
             folder,
             "index.html",
             hero=_overview(source, folder),
             cards=spread_evenly(cards, CARDS),
-            tables=touch_tables(source.tallies, sensors_of(data), paper=paper),
-            plots=_plots(source, objects, folder, paper),
+            tables=touch_tables(source.touches),
+            plots=_plots(source, objects, folder),
             tiles=_tiles(source),
             objects=len(objects),
             evaluated=source.evaluation is not None,
@@ -142,12 +141,11 @@ def _write(source: ReportSource, folder: Path, name: str, **content: Any) -> Non
 
 def _tiles(source: ReportSource) -> list[tuple[str, str]]:
     """Count objects, grasps, touches, failures, and grasps that hold where that was tested, for the first page."""
-    total = Tally.joined(source.tallies.values())
-    touched = np.concatenate(total.touched)
-    hold_tiles = [(f"{100 * np.concatenate(total.held).mean():.0f} %", "of grasps hold the object")] if total.held else []
+    touched, held = (joined(source.touches.objects, name) for name in ("touched", "held"))
+    hold_tiles = [(f"{100 * held.mean():.0f} %", "of grasps hold the object")] if held.size else []
     return [
         _counted(len(source.object_ids), "object", " without failures" if source.failures else ""),
-        _counted(len(source.tallies), "class"),
+        _counted(len(source.touches.by_class), "class"),
         _counted(len(touched), "grasp"),
         _counted(int(touched.sum()), "touch", f", {100 * touched.mean():.0f} % of {touched.size}"),
         *hold_tiles,
@@ -174,10 +172,9 @@ def _overview(source: ReportSource, folder: Path) -> dict[str, Any]:
     return {"object_id": object_id, "grasp": grasp + 1, "pictures": pictures, "columns": min(3, len(pictures))}
 
 
-def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path, paper: bool) -> list[dict[str, str]]:
+def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path) -> list[dict[str, str]]:
     """Draw the touches per grasp, beside the paper's if these are to be compared, and the contact areas by class."""
-    shares = touches_per_grasp(np.concatenate(Tally.joined(source.tallies.values()).touched))
-    theirs = supplement_touches(len(shares)) if paper else ()
+    shares, theirs = source.touches.per_grasp, source.touches.supplement_per_grasp
     bars: Mapping[str, ArrayLike] = {"here": shares} | ({PAPER: theirs} if theirs else {})
     draw_bars(folder / "figures" / "touches.svg", bars, range(len(shares)), x="touches per grasp", y="% of grasps")
     areas = {
@@ -190,17 +187,16 @@ def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path
     return [
         {"file": "figures/touches.svg", "alt": f"Touches per grasp here: {shares_text}", "caption": "Successful touches per grasp"},
         {"file": "figures/contact.svg", "alt": f"Mean contact area, mm²: {means}", "caption": f"Contact area; mean, mm²: {means}"},
-        *_hold_plots(source.tallies, folder / "figures"),
+        *_hold_plots(source.touches.objects, folder / "figures"),
     ]
 
 
-def _hold_plots(tallies: Mapping[str, Tally], folder: Path) -> list[dict[str, str]]:
+def _hold_plots(objects: Sequence[ObjectTouches], folder: Path) -> list[dict[str, str]]:
     """Draw how far and how fast objects moved at the end of the hold test, beside the limits of what holds; none if not tested."""
-    total = Tally.joined(tallies.values())
-    if not total.motions:
+    measured = 1e3 * joined(objects, "motions").reshape(-1, 2).T
+    if not measured.size:
         return []
     plots = []
-    measured = 1e3 * np.concatenate(total.motions).reshape(-1, 2).T
     for name, unit, limit, values in (("distance", "mm", 1e3 * WITHIN, measured[0]), ("speed", "mm/s", 1e3 * REST, measured[1])):
         file, held, beyond = f"hold-{name}.svg", values[values <= limit], values[values > limit]
         draw_histogram(folder / file, {"kept grasps": values}, x=f"{name}, {unit}", y="% of hold tests", limit=limit)

@@ -11,7 +11,6 @@ import trimesh
 from pipeline.console import Row, Table, pluralise
 from pipeline.dataset.completed_objects import CompletedObjects
 from pipeline.dataset.object_rows import is_surface
-from pipeline.dataset.touch_statistics import Tally, tally
 from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS
 from pipeline.drawing.views import painted_mesh
 from pipeline.kernels.geometry.mesh import Mesh
@@ -19,9 +18,9 @@ from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.collection import Collection
 from pipeline.store.storage import Location
 from pipeline.store.validate import check_origins
-from pipeline.tables.comparison import difference
+from pipeline.tables.comparison import current_scores, difference
 from pipeline.tables.evaluation_tables import ACCURACY
-from pipeline.tables.training_seeds import scores
+from pipeline.tables.touch_tables import Touches, read_touches
 from stages.evaluate.evaluation_files import (
     SHIPPED_SCORES,
     Arrays,
@@ -48,15 +47,15 @@ class ReportSource(CompletedObjects):
 
     def __init__(self, data: Location) -> None:
         super().__init__(data, ("surfaces", "grasps", "touch"), ("vision", "charts"))
-        self.evaluated, self.scored = evaluations(self.directory), scores(self.directory)
+        self.evaluated, self.scored = evaluations(self.directory), current_scores(self.directory)
         check_origins(self.directory, self.evaluated)
         self.measured = [*self.evaluated[:1], *(name for name in self.scored if name == SHIPPED_SCORES)]
         self.evaluation = Evaluation([self.directory.verified_folder(name) for name in self.measured]) if self.measured else None
 
     @cached_property
-    def tallies(self) -> dict[str, Tally]:
-        """The touches of all grasps, by category."""
-        return tally(self.directory.root)
+    def touches(self) -> Touches:
+        """The touches of all grasps."""
+        return read_touches(self.directory.root)
 
 
 class Prediction(NamedTuple):

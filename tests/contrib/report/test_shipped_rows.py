@@ -24,9 +24,9 @@ from pipeline.engine.plan import Request
 from pipeline.models.shipped_weights import DEFAULT
 from pipeline.reconstruct.score import _learned_from, _settings
 from pipeline.store.directory import DataDirectory
+from pipeline.tables.comparison import scores
 from pipeline.tables.evaluation_tables import evaluation_tables
 from pipeline.tables.results_summary import DEFAULT_SERIES, _ways, summarise
-from pipeline.tables.training_seeds import outdated_scores
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import read_figures, read_root
@@ -81,9 +81,9 @@ def test_shipped_weights_have_the_figures_of_the_evaluated_weights(data):
 def test_report_shows_rows_and_meshes_of_the_shipped_network_and_measures_it_once(data, monkeypatch):
     ship(monkeypatch, data)
     with monkeypatch.context() as another:
-        another.setattr("pipeline.tables.training_seeds.shipped_digest", lambda: "another")
-        assert "the pretrained network is another now" in outdated_scores(DataDirectory(data))["scores/shipped"]
-    assert not outdated_scores(DataDirectory(data))
+        another.setattr("pipeline.tables.comparison.shipped_digest", lambda: "another")
+        assert "the pretrained network is another now" in str(scores(DataDirectory(data))["scores/shipped"])
+    assert scores(DataDirectory(data)) == {"scores/shipped": None}
     before = DataDirectory(data).verified_folder("scores/shipped")
     printed = vt("report", data, "--shipped", "--no-pages")
     assert all(f"shipped-{way}" in printed for way in WAYS)
