@@ -25,7 +25,7 @@ from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes, collision_spheres
 from pipeline.kernels.hand.convex_shapes import buried_gels, convex_error
 from pipeline.kernels.hand.grasp_ik import blocked_fingers, sample_postures
-from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
+from pipeline.kernels.hand.kinematics import forward_kinematics, opening, sensor_poses_from_links, sensor_positions
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import LinkOverlap, frequent_overlaps, remedy
 from pipeline.kernels.touch.depth_maps import gel_surface
@@ -34,10 +34,9 @@ from pipeline.physics.hand_urdf import inertia_notes
 from pipeline.physics.simulation import Simulation
 from pipeline.rng import numpy_rng
 from stages.simulate_grasps.grasp_search import GraspSearch
+from stages.simulate_grasps.plans import TouchPlanner
 from stages.simulate_grasps.prepare import MEASURE_SPACING, finger_gap, prepare_hand, prepare_object
-from stages.simulate_grasps.size_warnings import opening, sensor_positions
 from stages.simulate_grasps.stage import GraspSettings
-from stages.simulate_grasps.touch_plan import TouchPlanner
 
 POSTURES = 512
 """Random postures in which links are checked for overlaps."""
@@ -197,7 +196,7 @@ def trial_grasps(path: Path) -> list[str]:
     prepared_ball = prepare_object(ball, ball.vertices, np.asarray(sphere.vertices), reach=prepared.reach)
     with Simulation(prepared.hand) as physics, Meter(errors, "trial grasps", ATTEMPTS, "attempts", after=1.0) as meter:
         physics.load(ball)
-        search = GraspSearch(prepared, prepared_ball, physics, settings, TouchPlanner(prepared, prepared_ball, settings))
+        search = GraspSearch(TouchPlanner(prepared, prepared_ball, settings), physics)
         attempts = []
         for number in range(ATTEMPTS):
             attempts.append(search.attempt(numpy_rng(0, "check", prepared.hand.name, number)))
