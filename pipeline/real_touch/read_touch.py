@@ -17,8 +17,7 @@ from pipeline.formats.description_file import description_path
 from pipeline.formats.image_file import SUFFIXES, image_files
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.depth_maps import gel_surface
-from pipeline.kernels.touch.photograph_alteration import rim_change
-from pipeline.kernels.touch.photograph_faults import photograph_faults, stop_at, untouched_faults
+from pipeline.kernels.touch.photograph_faults import photograph_faults, rim_change, stop_at, untouched_faults
 from pipeline.kernels.touch.sensor import Sensor, masked_points, resample, sensor_differences
 from pipeline.models.model_files import DESCRIPTION
 from pipeline.models.shipped_weights import shipped_sensor_network

@@ -81,8 +81,8 @@ class HoldPlanner(TouchPlanner):
         field, points, normals = prepared_object.field, prepared_object.points, prepared_object.normals
         widest, friction = float(postures.width.max(initial=0.0)) + WIDTH_STEP, prepared_hand.hand.friction
         self.postures, self.pairs = postures, antipodal_points(field, points, normals, friction=friction, widest=widest, rng=rng)
-        has_pairs = len(self.pairs.width) > 0
-        self.weights = central_weights(self.pairs, prepared_object.centre, spread=settings.spread) if has_pairs else np.empty(0)
+        self.centre = points.mean(axis=0)  # of the mass, which is spread evenly over the exterior
+        self.weights = central_weights(self.pairs, self.centre, spread=settings.spread) if len(self.pairs.width) else np.empty(0)
 
     def __call__(self, rng: np.random.Generator) -> Posture | None:
         """Plan a few postures and return the one that carries the object best; None where the hand has no room around it."""
@@ -150,7 +150,7 @@ class HoldPlanner(TouchPlanner):
             for option, sensor in np.argwhere(needed & ~measured).tolist():
                 contact = measure_contact(self.prepared_object.faces, poses[option, sensor], self.prepared_hand.sensors[sensor])
                 if contact is not None:
-                    points[option, sensor], normals[option, sensor] = contact.point - self.prepared_object.centre, contact.normal
+                    points[option, sensor], normals[option, sensor] = contact.point - self.centre, contact.normal
                     touching[option, sensor] = True
             measured |= needed
             row, best = best_supporting_grasp(points[of_batch], normals[of_batch], touching[of_batch], hand.friction, best)
