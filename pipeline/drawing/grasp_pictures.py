@@ -90,7 +90,8 @@ class SecondSide:
         palm = self.grasp["hand_pose"][:3, :3] @ self.pictures.hand.palm_facing
 
         def score(camera: Camera) -> float:
-            labels = self.pictures.renderer.segment([self.posed_object, *posed_hand], camera.with_resolution(TRIAL_RESOLUTION))
+            trial = self.pictures.renderer.render([self.posed_object, *posed_hand], camera.with_resolution(TRIAL_RESOLUTION))
+            labels = trial.segmentation
             across = 1 - float(camera_pose(camera)[:3, 2] @ palm) ** 2  # sin²: 1 from the hand's side, 0 from its back
             return float((labels == Label.OBJECT).sum()) * float((labels == Label.HAND).sum()) * across
 

@@ -10,12 +10,11 @@ from pipeline.dataset.completed_objects import dataset_scene
 from pipeline.dataset.grasps import grasping_hand
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.keys import assets_digest
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Unit
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.scene_file import load_scene
-from pipeline.kernels.vision.camera import project_points
 from pipeline.store.rows import Row
 from schemas.base import COMMON
 from stages.render_vision.stage import RenderVision, VisionSettings
@@ -154,16 +153,6 @@ def test_without_occluded_only_the_object_is_rendered() -> None:
     (row,) = rows(VisionSettings(hand=HAND, occluded=False, resolution=64), task("a", 0.15))
     assert set(row) == {"unoccluded", "segmentation", "projection"}
     assert row["segmentation"].shape == (1, 1, 64, 64)
-
-
-@pytest.mark.parametrize("resolution", [256, 64])
-def test_camera_matrix_projects_to_the_image(resolution) -> None:
-    settings = VisionSettings(hand=HAND, resolution=resolution)
-    (row,) = rows(settings, task("a", 0.1))
-    camera = row["projection"][0]
-    at = np.argwhere(row["segmentation"][0, 0] == 1).mean(axis=0)[::-1] + 0.5
-    assert camera.shape == (3, 4)
-    assert project_points(camera, np.array([0, 0, 0.6])) == pytest.approx(at, abs=0.01 * resolution)
 
 
 def test_assets_are_files_and_attributes_describe_the_scene() -> None:
