@@ -14,8 +14,7 @@ from pydantic import ValidationError
 
 from pipeline import plugins
 from pipeline.config.settings import Settings, load_presets
-from pipeline.engine.stage import DatasetStage, ObjectStage
-from pipeline.engine.trade import Trade
+from pipeline.engine.stage import DatasetStage, ObjectStage, Trade
 from pipeline.errors import InvalidInput, PipelineError, StageError, unknown_name
 from pipeline.formats.description_file import invalid_entries
 from schemas.catalogue import ARTIFACTS

@@ -3,64 +3,42 @@
 By glTF 2.0, sections 3.5 and 3.7, and EXT_mesh_gpu_instancing.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.gltf import SURFACES, TRIANGLES, Document, Primitive, entries_of, foreign_extensions, one_line, table
 from pipeline.formats.gltf_look import Looks
 from pipeline.formats.mesh_companions import Companions
-from pipeline.formats.mesh_parts import Decode, check_mesh
-from pipeline.kernels.arrays import Array, Mask
+from pipeline.formats.mesh_parts import MAX_INSTANCES, check_count, check_mesh, mirrors, pose_matrix, posed
+from pipeline.formats.textures import Textures
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Look, Mesh
-from pipeline.kernels.geometry.transforms import compose, transform_points, unit_vectors
+from pipeline.kernels.geometry.transforms import compose, transform_points
 
 REST = {"TRANSLATION": (0.0, 0.0, 0.0), "ROTATION": (0.0, 0.0, 0.0, 1.0), "SCALE": (1.0, 1.0, 1.0)}
 """The parts of the pose of a node or an instance, each with its default."""
 
 
-def read_gltf(companions: Companions, decode: Decode) -> list[Mesh]:
+def read_gltf(file: Companions, textures: Textures) -> Iterator[Mesh]:
     """Read the surfaces of the scene that a glTF file shows, each in its pose, m, y up; list what is skipped as unread."""
-    document = Document(companions.file_name, companions.content, lambda uri: companions[uri] if uri in companions.paths else None)
-    companions.unread += [f"its extension {name} is not read" for name in foreign_extensions(document.tree, "extensionsUsed")]
-    nodes = _Nodes(document, Looks(document, decode, companions.unread), companions.unread)
-    meshes: list[Mesh] = []
-    faces = vertices = 0
+    document = Document(file.file_name, file.content, file.get)
+    file.unread += [f"its extension {name} is not read" for name in foreign_extensions(document.tree, "extensionsUsed")]
+    nodes = _Nodes(document, Looks(document, textures), file.unread)
     for number in nodes.shown:
         poses, skin = nodes.poses(number), nodes.skin(number)
-        for part in nodes.parts(number):
-            faces, vertices = faces + len(poses) * len(part.primitive.faces), vertices + len(poses) * len(part.points)
-            check_mesh(faces, vertices)
-            if len(part.primitive.faces) and len(poses):
-                meshes.append(_placed(part, poses, skin))
-    return meshes
-
-
-@dataclass(frozen=True)
-class _Part:
-    """A primitive with its points (V, 3) before any pose, and its look."""
-
-    primitive: Primitive
-    points: Array
-    look: Look
-
-
-def _placed(part: _Part, poses: Array, skin: Array | None) -> Mesh:
-    """Copy a part into each of its poses (I, 4, 4), deformed by the matrices (J, 4, 4) of its skin."""
-    points, faces, look = part.points, part.primitive.faces, part.look
-    if skin is not None:
-        points = _deform(points, part.primitive, skin)
-        faces = faces[:, ::-1] if _mirrors(skin).all() else faces
-    faces = faces + len(points) * np.arange(len(poses))[:, None, None]  # (I, F, 3)
-    faces = np.where(_mirrors(poses)[:, None, None], faces[..., ::-1], faces)
-    if len(poses) > 1:
-        colors = None if look.vertex_color is None else np.tile(look.vertex_color, (len(poses), 1))
-        uv, material = np.tile(look.uv, (len(poses), 1)), np.tile(look.face_material, len(poses))
-        look = replace(look, uv=uv, face_material=material, vertex_color=colors)
-    return Mesh(transform_points(poses, points).reshape(-1, 3), faces.reshape(-1, 3).astype(np.int32), look)
+        for primitive, points, look in nodes.parts(number):
+            check_count("instances of a mesh", len(poses), MAX_INSTANCES, "merge them")
+            check_mesh(len(poses) * len(primitive.faces), len(poses) * len(points))
+            faces = primitive.faces
+            if skin is not None:
+                points = _deform(points, primitive, skin)
+                faces = faces[:, ::-1] if mirrors(skin).all() else faces
+            for pose in poses:
+                vertices, turned = posed(pose, points, faces)
+                yield Mesh(vertices, turned.astype(np.int32), look)
 
 
 def _deform(points: Array, primitive: Primitive, skin: Array) -> Array:
@@ -86,7 +64,7 @@ class _Nodes:
 
     def __init__(self, document: Document, looks: Looks, unread: list[str]) -> None:
         self._document, self._looks, self._unread, tree = document, looks, unread, document.tree
-        self._parts: dict[tuple[int, bytes], list[_Part]] = {}
+        self._parts: dict[tuple[int, bytes], list[tuple[Primitive, Array, Look]]] = {}
         if not entries_of(tree, "nodes"):  # a library of meshes
             tree["nodes"] = [{"mesh": number} for number in range(len(entries_of(tree, "meshes")))]
         self._nodes = [document.entry("nodes", number) for number in range(len(tree["nodes"]))]
@@ -99,8 +77,8 @@ class _Nodes:
         if lost := sum("mesh" in self._nodes[number] for number in hidden):
             unread.append(f"{lost} of its nodes with a mesh are skipped: they are hidden, or not in the scene that it shows")
 
-    def parts(self, number: int) -> list[_Part]:
-        """Read the surfaces of a node's mesh, once for all nodes that have it."""
+    def parts(self, number: int) -> list[tuple[Primitive, Array, Look]]:
+        """Read the surfaces of a node's mesh, once for all nodes that have it: their points (V, 3) before any pose, and looks."""
         node = self._nodes[number]
         if "mesh" not in node:
             return []
@@ -113,7 +91,7 @@ class _Nodes:
             if len(surfaces) < len(entries):
                 self._unread.append(f"points and lines of mesh {one_line(mesh.get('name', node['mesh']))} are not read")
             primitives = [Primitive(self._document, entry, weights) for entry in surfaces]
-            self._parts[key] = [_Part(part, part.read("POSITION", 3), self._looks.look(part)) for part in primitives]
+            self._parts[key] = [(part, part.read("POSITION", 3), self._looks.look(part)) for part in primitives]
         return self._parts[key]
 
     def poses(self, number: int) -> Array:
@@ -181,23 +159,3 @@ def _pose(node: dict[str, Any]) -> Array:
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     return pose_matrix(*(node.get(name.lower(), default) for name, default in REST.items()))
-
-
-def pose_matrix(translation: ArrayLike, rotation: ArrayLike, scale: ArrayLike) -> Array:
-    """Compose translations (..., 3), quaternions x, y, z, w (..., 4) of any length and scales (..., 3) into matrices (..., 4, 4)."""
-    x, y, z, w = np.moveaxis(unit_vectors(np.asarray(rotation, np.float64)), -1, 0)
-    turn = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    axes = np.moveaxis(np.array(turn), (0, 1), (-2, -1)) * np.asarray(scale, np.float64)[..., None, :]
-    pose = np.zeros((*np.broadcast_shapes(axes.shape[:-2], np.shape(translation)[:-1]), 4, 4))
-    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = axes, translation, 1
-    return pose
-
-
-def _mirrors(matrices: Array) -> Mask:
-    """Whether matrices (..., 4, 4) turn a left hand into a right one."""
-    axes = matrices[..., :3, :3]
-    return np.asarray((np.cross(axes[..., 0, :], axes[..., 1, :]) * axes[..., 2, :]).sum(axis=-1) < 0)

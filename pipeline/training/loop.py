@@ -18,10 +18,9 @@ from lightning_fabric import Fabric
 from torch.multiprocessing.spawn import ProcessExitedException, ProcessRaisedException
 
 from pipeline.console import Meter, console_on
-from pipeline.engine.versions import processor
 from pipeline.errors import InvalidInput, StageError
 from pipeline.rng import numpy_rng, torch_generator
-from pipeline.store.record import processor_kind
+from pipeline.store.record import processor, processor_kind
 from pipeline.training import checkpoint
 from pipeline.training.batch_norm import share_batch_norm
 from pipeline.training.device import torch_threads

@@ -9,8 +9,7 @@ import numpy as np
 
 from pipeline.dataset.grasps import grasp_row
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.engine.stage import Inputs
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Inputs, Unit
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Array32
 from pipeline.kernels.geometry.transforms import length

@@ -4,8 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
 
 from pipeline.config.settings import setting
-from pipeline.engine.stage import Cost
-from pipeline.engine.trade import Trade
+from pipeline.engine.stage import Cost, Trade
 from pipeline.kernels.charts.touch_chart import SIDE
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, SINGLE_IMAGE, NetworkConfig, Norm, Seams, TouchEdges
 from pipeline.store.directory import DataDirectory

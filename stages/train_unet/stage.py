@@ -6,8 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from pipeline.config.settings import setting
-from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
-from pipeline.engine.trade import Trade
+from pipeline.engine.stage import Cost, DatasetJob, DatasetStage, Trade
 from pipeline.errors import StageError
 from pipeline.rng import seeded_weights
 from pipeline.store.directory import DataDirectory

@@ -33,6 +33,7 @@ from pipeline.store import digest
 from pipeline.store.atomic import atomic_writes
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import changed_files
+from pipeline.store.record import Failure
 from pipeline.store.storage import Location, exists, remove
 from pipeline.tables.results import results_tables, trained_models, training_losses
 from pipeline.tables.results_summary import GIVEN, summarise
@@ -280,9 +281,9 @@ def _about(source: ReportSource) -> dict[str, Any]:
     }
 
 
-def _failures(failures: Mapping[str, tuple[str, str]]) -> Table:
+def _failures(failures: Mapping[str, Failure]) -> Table:
     """Count the failures by stage and reason."""
     rows = []
     for why, count in Counter(failures.values()).most_common():
-        rows.append(Row([*why, str(count), abbreviate([name for name, other in failures.items() if other == why])]))
+        rows.append(Row([why.stage, why.reason, str(count), abbreviate([name for name, other in failures.items() if other == why])]))
     return Table("", ["stage", "reason", "objects", "which"], rows)

@@ -15,7 +15,7 @@ from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS
 from pipeline.drawing.views import painted_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.store.collection import Collection
+from pipeline.store.directory import Collection
 from pipeline.store.storage import Location
 from pipeline.store.validate import check_origins
 from pipeline.tables.comparison import current_scores, difference

@@ -10,7 +10,7 @@ from pipeline.dataset.completed_objects import dataset_scene
 from pipeline.dataset.grasps import grasping_hand
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.keys import assets_digest
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Unit
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand

@@ -10,8 +10,7 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.errors import InvalidInput
-from pipeline.store.collection import Collection
-from pipeline.store.directory import DataDirectory
+from pipeline.store.directory import Collection, DataDirectory
 from schemas.surfaces import SURFACES
 from stages.registry import resolve
 from stages.sample_surfaces import coverage
