@@ -106,7 +106,7 @@ def errors_of(model: LocalTouchModel, presses: list[Press], untouched: np.ndarra
     """Average a network's errors over presses; `scale` is mm per pixel."""
     scores = []
     for press in presses:
-        indentation, contact = model.read(press.image[None], untouched)
+        indentation, contact, _ = model.read(press.image[None], untouched)
         scores.append(score(Reading(MM * indentation[0].astype(float), contact[0]), press, scale))
     mean = mean_scores(scores)
     return SensorError(

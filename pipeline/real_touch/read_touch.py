@@ -119,9 +119,9 @@ class TouchReader:
         if image.shape != self.untouched.shape:
             size, needed = (f"{pixels.shape[1]} x {pixels.shape[0]}" for pixels in (image, self.untouched))
             raise InvalidInput(f"it has {size} pixels, the untouched photograph {needed}; take both with one size, and crop both alike")
-        indentation, contact = self.model.read(image[None], self.untouched, self.pixel_aspect)
+        gel = self.model.read(image[None], self.untouched, self.pixel_aspect)
         rim_pressed = rim_change(image, self.untouched) > RIM_SHARE
-        return TouchReading(indentation[0], contact[0], self.sensor, rim_pressed)
+        return TouchReading(gel.indentation[0], gel.contact[0], self.sensor, rim_pressed)
 
 
 def write_reading(reading: TouchReading, folder: Path, name: str) -> list[Path]:
