@@ -13,7 +13,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.validate import check_origins
 from stages.evaluate.baselines import BASELINE_PREFIX
 from stages.evaluate.evaluation_files import SHIPPED_ROWS, SHIPPED_SCORES, Figures, read_figures, read_root, read_table
-from stages.evaluate.shipped import shipped_digest
+from stages.evaluate.scores import shipped_digest
 
 COMPARED = ("points", "tau", "scale", "rings")
 """Settings that figures in one table share."""

@@ -17,8 +17,8 @@ from pipeline.tables.comparison import about_rows, comparable_figures
 from pipeline.tables.supplement_figures import PAPER, TABLE_2, TABLE_3, TABLE_4
 from stages.evaluate.baselines import BASELINE_PREFIX, label
 from stages.evaluate.evaluation_files import Arrays, Figures, has_table, read_figures, read_root, read_table
-from stages.evaluate.grasp_protocol import NEAR, NEAR_SHARE
 from stages.evaluate.measure import PAPER_DIAGONAL
+from stages.evaluate.protocols import NEAR, NEAR_SHARE
 
 QUALITY_UNITS = {
     "area_ratio": ("area, % of the true one", 100),

@@ -50,7 +50,7 @@ def retrieved_by(image: object, touch: bool) -> str:
 def retrieve(
     objects: TestObjects,
     training: ObjectRows,
-    figures: Callable[[CloudDistances, int], Mapping[str, float]],  # of the distances for a test object's number
+    figures: Callable[[CloudDistances, str], Mapping[str, float]],  # of the distances for a test object
     *,
     console: Console,
     silhouettes: Silhouettes | None = None,  # for networks that take images
@@ -63,15 +63,20 @@ def retrieve(
     nearest to the touched points of the first grasp. `by truth` is nearest by the Chamfer distance of `POINTS` points:
     no retrieval is nearer by that distance.
     """
-    ids, names = objects.rows.object_ids, training.object_ids
+    ids, names = objects.object_ids, training.object_ids
     spread = np.linspace(0, len(names) - 1, min(len(names), CANDIDATES)).astype(int)
-    sizes = [objects.diagonal(row) for row in range(len(ids))]
     masks = None if silhouettes is None else np.stack([silhouettes(name) for name in ids])  # (object, view, pixel)
-    queries = [RetrievalCloud(_scaled(objects.points(row)[:POINTS], sizes[row])) for row in range(len(ids))]
-    touch_clouds = None if touched is None else [RetrievalCloud(_scaled(points, size)) for points, size in zip(touched, sizes, strict=True)]
-    search = _Search(queries, touch_clouds, masks)
+    clouds: dict[str, Sequence[NDArray[np.float64]]] = {"by truth": [objects.points(name)[:POINTS] for name in ids]}
+    if touched is not None:
+        clouds = {"by touch": touched, **clouds}
+    queries = {
+        method: [RetrievalCloud(_scaled(points, objects.diagonal(name))) for points, name in zip(of_objects, ids, strict=True)]
+        for method, of_objects in clouds.items()
+    }
+    search = _Search(queries, masks)
     blocks = range(0, len(names), BLOCK)
-    steps = len(spread) + len(blocks) * len(ids) + (1 + search.kinds) * len(ids)
+    kinds = 1 + len(queries) + (masks is not None)
+    steps = len(spread) + (len(blocks) + kinds) * len(ids)
     with Meter(console, "training objects in place of reconstructions", steps, "comparisons") as meter:
         typical = chamfer_matrix([_cloud(training, names[at]) for at in spread], meter.advance).mean(axis=0).argmin()
         for start in blocks:
@@ -88,8 +93,8 @@ def retrieve(
                 for view, at in enumerate(np.broadcast_to(matches[row], views).tolist()):
                     if at not in figures_by_object:
                         cloud = training.read("points", names[at])[: objects.count].astype(np.float64)
-                        cloud = _scaled(cloud, training.diagonal(names[at]), sizes[row])
-                        figures_by_object[at] = figures(cloud_distances(cloud, objects.points(row)), row)
+                        cloud = _scaled(cloud, training.diagonal(names[at]), objects.diagonal(object_id))
+                        figures_by_object[at] = figures(cloud_distances(cloud, objects.points(object_id)), object_id)
                     rows += [Figure(object_id, view, 1, metric, value) for metric, value in figures_by_object[at].items()]
                 meter.advance()
             return rows
@@ -112,16 +117,13 @@ class _Search:
 
     def __init__(
         self,
-        queries: Sequence[RetrievalCloud],  # points of the test objects
-        touch_clouds: Sequence[RetrievalCloud] | None,  # their touched points, if any
+        clouds: Mapping[str, Sequence[RetrievalCloud]],  # points of each test object, by method
         masks: NDArray[np.bool_] | None,  # (object, view, pixel) their silhouettes, if there are images
     ) -> None:
-        self._clouds = {"by touch": touch_clouds, "by truth": queries} if touch_clouds is not None else {"by truth": queries}
-        self._nearest = {method: [(np.inf, 0)] * len(queries) for method in self._clouds}
-        self._masks = masks
+        self._clouds, self._masks = clouds, masks
+        self._nearest = {method: [(np.inf, 0)] * len(queries) for method, queries in clouds.items()}
         if masks is not None:
             self._overlap, self._alike = np.full(masks.shape[:2], -1.0, np.float32), np.zeros(masks.shape[:2], np.intp)
-        self.kinds = len(self._clouds) + (masks is not None)
 
     def compare(
         self,

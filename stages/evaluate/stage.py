@@ -28,8 +28,7 @@ from schemas.vision import VISION
 from stages.evaluate.evaluation_files import METRICS, Arrays, Figure, Figures, evaluation_name, long_table, write_evaluation
 
 if TYPE_CHECKING:
-    from stages.evaluate.measure import Protocol
-    from stages.evaluate.reconstructors import Reconstructor
+    from stages.evaluate.measure import Protocol, Reconstructor
 
 MEASURED = "measured"
 """Folder of the row files of finished networks, which a killed run leaves."""
@@ -133,7 +132,7 @@ class Evaluation(DatasetStage):
 
         reconstructors = self.reconstructors(job)
         protocol = self.protocol(job, reconstructors)
-        rows = protocol.objects.rows
+        rows = protocol.objects
         figures: dict[str, Figures] = {}
         groups: dict[str, Mapping[str, Any]] = {"objects": protocol.objects.table(), **protocol.extra()}
         with torch_threads(job.settings.threads):
@@ -162,7 +161,7 @@ class Evaluation(DatasetStage):
         training = {Path(name).name: DataDirectory(job.data).folder(name).facts for name in job.models}
         if training:
             job.console.print(escape(f"`vt-pipeline report {shlex.quote(str(job.data))}` shows what was measured"))
-        return {"objects": len(protocol.objects), "left_out": len(rows.failed), "training": training}
+        return {"objects": len(rows), "left_out": len(rows.failed), "training": training}
 
 
 def _measured(item: "Reconstructor", protocol: "Protocol", job: DatasetJob) -> tuple[list[Figure], Arrays]:
@@ -213,13 +212,13 @@ class Evaluate(Evaluation):
     def reconstructors(self, job: DatasetJob) -> "Sequence[Reconstructor]":
         """Load the network of each configuration."""
         from pipeline.training.device import device_of
-        from stages.evaluate.reconstructors import Network
+        from stages.evaluate.measure import Network
 
         folders = {name: job.models[model_name(name, job.settings.training_seed)] for name in job.settings.configurations}
         return [Network(name, model) for name, model in load_rows(folders, device_of(job.settings.accelerator)).items()]
 
     def protocol(self, job: DatasetJob, reconstructors: "Sequence[Reconstructor]") -> "Protocol":
-        from stages.evaluate.grasp_protocol import GraspProtocol
+        from stages.evaluate.protocols import GraspProtocol
 
         return GraspProtocol(job, reconstructors)
 
@@ -250,16 +249,16 @@ class EvaluateSingleImage(Evaluation):
 
     def reconstructors(self, job: DatasetJob) -> "Sequence[Reconstructor]":
         from pipeline.training.device import device_of
-        from stages.evaluate.reconstructors import Network
+        from stages.evaluate.measure import Network
 
         folders = {"single-image": job.models[model_name("single-image")]}
         loaded = load_rows(folders, device_of(job.settings.accelerator))
         return [Network(name, model, keeps_surfaces=False) for name, model in loaded.items()]
 
     def protocol(self, job: DatasetJob, reconstructors: "Sequence[Reconstructor]") -> "Protocol":
-        from stages.evaluate.single_image_protocol import SingleImageProtocol
+        from stages.evaluate.protocols import SingleImageProtocol
 
-        return SingleImageProtocol(job, reconstructors)
+        return SingleImageProtocol(job)
 
     def attributes(self, job: DatasetJob, protocol: Any) -> dict[str, Any]:
         """Return the manifest and the number of views, which Table 4 names."""

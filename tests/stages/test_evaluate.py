@@ -32,8 +32,8 @@ from pipeline.tables.orderings import Verdict, orderings, orderings_table
 from pipeline.tables.results import trainings_table
 from stages.evaluate.baselines import BASELINE_PREFIX
 from stages.evaluate.evaluation_files import TABLES_ZARR, Figures, evaluations, read_figures, read_root, read_table, write_evaluation
-from stages.evaluate.grasp_protocol import GraspProtocol
-from stages.evaluate.reconstructors import Network, make_cases
+from stages.evaluate.measure import Network, make_cases
+from stages.evaluate.protocols import GraspProtocol
 from stages.evaluate.stage import MEASURED, Evaluate, EvaluationSettings
 from tests.stages import ball_dataset as spheres
 
@@ -122,9 +122,10 @@ def test_undeformed_sphere_has_the_chamfer_distance_of_two_spheres(evaluation):
 def test_f_scores_count_points_within_their_distance(data, apart, expected):
     """Shells of a ball of radius 0.1 m, of diagonal 0.346 m: 1 % of it is 3.5 mm."""
     protocol = protocol_of(data, "none")
-    directions = protocol.objects.points(0) - spheres.CENTRE
+    name = protocol.objects.object_ids[0]
+    directions = protocol.objects.points(name) - spheres.CENTRE
     shell = spheres.CENTRE + directions * (1 + apart / 0.1)
-    measured = protocol.distance_figures(cloud_distances(shell, protocol.objects.points(0)), 0)
+    measured = protocol.distance_figures(cloud_distances(shell, protocol.objects.points(name)), name)
     assert (measured["f_5mm"], measured["f_1percent"]) == expected
     assert measured["mean_distance"] == pytest.approx(apart, rel=1e-3)
 
@@ -166,8 +167,8 @@ def test_retrieval_baselines_return_training_objects(tmp_path, monkeypatch):
         spheres.make_model(tmp_path, name)
     protocol = protocol_of(tmp_path, "unoccluded", "touch")
     objects = protocol.objects
-    assert objects.rows.object_ids == [name for name, split in balls.items() if split == "test"]
-    floors = [sampling_floor(objects.area(row), objects.count) for row in range(3)]
+    assert objects.object_ids == [name for name, split in balls.items() if split == "test"]
+    floors = [sampling_floor(objects.area(name), objects.count) for name in objects.object_ids]
     scaled = {name.removeprefix(BASELINE_PREFIX): one.per_object("chamfer") for name, one in protocol.baselines().items()}
     for how, distances in scaled.items():  # every ball, scaled to the size of the one in question, is that one
         assert distances == pytest.approx(floors, rel=0.2), how

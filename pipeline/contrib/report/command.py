@@ -31,7 +31,7 @@ def report(
 
     directory = DataDirectory(data)
     if shipped:
-        from pipeline.reconstruct.score import score_shipped
+        from stages.evaluate.scores import score_shipped
 
         for reason in score_shipped(directory.root, console):
             print_line(f"the pretrained network is not measured: {reason}")
