@@ -76,8 +76,8 @@ class Score(Evaluate):
     def inputs(self, settings: Any) -> tuple[Artifact, ...]:
         return (SURFACES, GRASPS, *self.artifacts)
 
-    def models(self, settings: Any) -> tuple[str, ...]:
-        return ()
+    def networks(self, settings: Any) -> dict[str, str]:
+        return {}
 
     def writes(self, settings: Any) -> str:
         return self.folder

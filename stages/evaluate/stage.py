@@ -111,15 +111,34 @@ class SingleImageEvaluationSettings(MeasuringSettings):
 
 
 class Evaluation(DatasetStage):
-    """Measure networks or other methods by a protocol."""
+    """Measure networks or other reconstructors by a protocol."""
+
+    keeps_surfaces: ClassVar[bool] = True
 
     @abstractmethod
-    def reconstructors(self, job: DatasetJob) -> "Sequence[Reconstructor]":
-        """Load what is measured: a row of the tables each."""
+    def networks(self, settings: Any) -> dict[str, str]:
+        """Name the model of each network that is measured, a row of the tables each."""
 
     @abstractmethod
     def protocol(self, job: DatasetJob, reconstructors: "Sequence[Reconstructor]") -> "Protocol":
         """Open the objects and choose what is measured of reconstructions."""
+
+    def models(self, settings: Any) -> tuple[str, ...]:
+        """Name the models, of which one may have several rows."""
+        return tuple(dict.fromkeys(self.networks(settings).values()))
+
+    def splits(self, settings: Any) -> tuple[str, ...]:
+        """Name the split that is measured, and the one that baselines retrieve from."""
+        return ("train", "test")
+
+    def reconstructors(self, job: DatasetJob) -> "Sequence[Reconstructor]":
+        """Load what is measured."""
+        from pipeline.training.device import device_of
+        from stages.evaluate.measure import Network
+
+        folders = {name: job.models[model] for name, model in self.networks(job.settings).items()}
+        loaded = load_rows(folders, device_of(job.settings.accelerator))
+        return [Network(name, model, keeps_surfaces=self.keeps_surfaces) for name, model in loaded.items()]
 
     def attributes(self, job: DatasetJob, protocol: Any) -> dict[str, Any]:
         """Return further attributes of the evaluation's root; by default none."""
@@ -192,13 +211,8 @@ class Evaluate(Evaluation):
         takes_image, takes_touch = any(network.image for network in networks), any(network.touch for network in networks)
         return (SURFACES, GRASPS, *([VISION] if takes_image else []), *([TOUCH, CHARTS] if takes_touch else []))
 
-    def models(self, settings: EvaluationSettings) -> tuple[str, ...]:
-        """Name the models, of which one may have several rows."""
-        return tuple(dict.fromkeys(model_name(name, settings.training_seed) for name in settings.configurations))
-
-    def splits(self, settings: EvaluationSettings) -> tuple[str, ...]:
-        """Name the split that is measured, and the one that baselines retrieve from."""
-        return ("train", "test")
+    def networks(self, settings: EvaluationSettings) -> dict[str, str]:
+        return {name: model_name(name, settings.training_seed) for name in settings.configurations}
 
     def writes(self, settings: EvaluationSettings) -> str:
         """Name the evaluation of a data directory; each training seed has its own."""
@@ -208,14 +222,6 @@ class Evaluate(Evaluation):
         """Estimate at most 12 reconstructions per configuration of each test object, a fifth of all, of about 0.1 s and 15 kB each."""
         reconstructions = 12 * len(settings.configurations) * objects / 5
         return Cost(seconds=0.1 * reconstructions, kilobytes=15 * reconstructions)
-
-    def reconstructors(self, job: DatasetJob) -> "Sequence[Reconstructor]":
-        """Load the network of each configuration."""
-        from pipeline.training.device import device_of
-        from stages.evaluate.measure import Network
-
-        folders = {name: job.models[model_name(name, job.settings.training_seed)] for name in job.settings.configurations}
-        return [Network(name, model) for name, model in load_rows(folders, device_of(job.settings.accelerator)).items()]
 
     def protocol(self, job: DatasetJob, reconstructors: "Sequence[Reconstructor]") -> "Protocol":
         from stages.evaluate.protocols import GraspProtocol
@@ -229,16 +235,13 @@ class EvaluateSingleImage(Evaluation):
     name = "evaluate-single-image"
     summary = "The single-image network on the test objects: Table 4, beside the published rows."
     settings_type = SingleImageEvaluationSettings
+    keeps_surfaces = False
 
     def inputs(self, settings: SingleImageEvaluationSettings) -> tuple[Artifact, ...]:
         return (SURFACES, RENDERINGS)
 
-    def models(self, settings: SingleImageEvaluationSettings) -> tuple[str, ...]:
-        return (model_name("single-image"),)
-
-    def splits(self, settings: SingleImageEvaluationSettings) -> tuple[str, ...]:
-        """Name the split that is measured, and the one that baselines retrieve from."""
-        return ("train", "test")
+    def networks(self, settings: SingleImageEvaluationSettings) -> dict[str, str]:
+        return {"single-image": model_name("single-image")}
 
     def writes(self, settings: SingleImageEvaluationSettings) -> str:
         return "evaluation-single-image"
@@ -246,14 +249,6 @@ class EvaluateSingleImage(Evaluation):
     def cost(self, settings: SingleImageEvaluationSettings, objects: int) -> Cost:
         """Estimate a fifth of the objects, 0.3 s per view."""
         return Cost(seconds=0.06 * settings.views * objects, kilobytes=0.1 * objects)
-
-    def reconstructors(self, job: DatasetJob) -> "Sequence[Reconstructor]":
-        from pipeline.training.device import device_of
-        from stages.evaluate.measure import Network
-
-        folders = {"single-image": job.models[model_name("single-image")]}
-        loaded = load_rows(folders, device_of(job.settings.accelerator))
-        return [Network(name, model, keeps_surfaces=False) for name, model in loaded.items()]
 
     def protocol(self, job: DatasetJob, reconstructors: "Sequence[Reconstructor]") -> "Protocol":
         from stages.evaluate.protocols import SingleImageProtocol
