@@ -118,6 +118,12 @@ def resolve(
         raise InvalidInput(f"settings of {stage}: {faults}") from error
 
 
+def assignment(name: str, value: Any) -> str:
+    """Write a setting and its value as `--set` takes them."""
+    text: str = yaml.safe_dump(value, default_flow_style=True, width=10**6)
+    return f"{name}=" + text.rstrip().removesuffix("\n...")  # YAML ends the document after a number or a word
+
+
 def check_assignments(preset: str, assignments: Sequence[str], stage: str) -> None:
     """Check the assignments to other stages, as `resolve` does, before the first one, `stage`, runs.
 

@@ -65,13 +65,13 @@ def advise(
 
 def _current(setup: Setup) -> list[MeasuredTrade]:
     """Read the trades that were measured with these settings and this code; fail if one that makes a dataset is missing."""
-    from pipeline.tradeoff.measure import trade_key
+    from pipeline.tradeoff.measure import stage_key
     from pipeline.tradeoff.measured import read_trade
 
     trades = []
     for stage in TRADED:
         trade = read_trade(setup.data, stage)
-        if trade is not None and trade.points and trade.key == trade_key(stage, setup):
+        if trade is not None and trade.points and trade.key == stage_key(stage, setup):
             trades.append(trade)
         elif trade is not None or stage in DATASET:
             how = "not measured yet" if trade is None else "measured with other settings or other code"

@@ -29,7 +29,7 @@ from pipeline.errors import StageError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location
 from pipeline.tradeoff import sweep as sweeps
-from stages.registry import STAGES, load_stage, resolve
+from stages.registry import STAGES, assignment, load_stage, resolve
 from stages.request import make_request
 
 SINGLE = "evaluation-single-image"
@@ -61,7 +61,7 @@ def sweep(
     finished, failed = [], 0
 
     def settings_of(point: Mapping[str, Any]) -> Settings:
-        varied = [f"{stage}.{sweeps.assignment(setting, value)}" for setting, value in point.items()]
+        varied = [f"{stage}.{assignment(setting, value)}" for setting, value in point.items()]
         return resolve(stage, preset, [*(assignments or ()), *varied])
 
     every_point = sweeps.grid_points(_grid(grid) if grid else default_grid)

@@ -49,7 +49,6 @@ def tradeoff(
     """
     from pipeline.tradeoff.end_to_end import measure_end_to_end
     from pipeline.tradeoff.measure import LONGEST, Setup, measure_trade
-    from pipeline.tradeoff.sample import affordable
 
     stage_names = tuple(stages or DATASET)
     if strange := [name for name in stage_names if name not in TRADED]:
@@ -70,9 +69,7 @@ def tradeoff(
         trades.append(measure_end_to_end(setup, seconds, console))
         _show(trades[0], request.data)
     else:
-        setup = setup.with_objects(
-            affordable(request.objects, request.seed, seconds, lambda sample: _foreseen(stage_names, setup.with_objects(sample), seconds))
-        )
+        setup = setup.affordable(seconds, lambda sample: _foreseen(stage_names, sample, seconds))
         _announce(stage_names, setup, seconds)
         for name in stage_names:
             trades.append(measure_trade(name, setup, limit=LONGEST * seconds, deadline=started + seconds, console=console))
@@ -86,7 +83,7 @@ def _foreseen(stages: tuple[str, ...], setup: Setup, seconds: float) -> float:
     from pipeline.tradeoff.measure import LONGEST, forecast, stages_before
 
     before = {name for stage in stages for name in stages_before(stage, setup)}
-    inputs = sum(setup.seconds(name, setup.settings(name)) for name in before)
+    inputs = sum(map(setup.seconds, before))
     return inputs + sum(forecast(stage, setup, LONGEST * seconds)[0] for stage in stages)
 
 

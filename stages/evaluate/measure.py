@@ -273,7 +273,7 @@ def measure(
     if reconstructor.has_charts:
         vertices = np.array([surface.vertices[: surface.vision] for surface in kept], np.float32)
         faces = kept[-1].faces[(kept[-1].faces < kept[-1].vision).all(axis=1)]
-        surfaces = {"vertices": vertices.reshape(*shape, -1, 3), "faces": faces, "position": kept[-1].position}
+        surfaces: Arrays = {"vertices": vertices.reshape(*shape, -1, 3), "faces": faces, "position": kept[-1].position}
     else:
         surfaces = {
             "vertices": np.concatenate([surface.vertices for surface in kept]),

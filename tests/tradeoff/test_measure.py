@@ -20,10 +20,9 @@ from pipeline.formats.description_file import description_path
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.store.directory import DataDirectory
-from pipeline.tradeoff.end_to_end import NETWORK, _key, coarse_sensor
-from pipeline.tradeoff.measure import Setup, candidates, forecast, measure_trade, stages_before, trade_key
+from pipeline.tradeoff.end_to_end import NETWORK, coarse_sensor
+from pipeline.tradeoff.measure import Setup, candidates, forecast, measure_trade, stage_key, stages_before, stratified
 from pipeline.tradeoff.measured import FOLDER, MeasuredTrade, read_trade, trade_path
-from pipeline.tradeoff.sample import stratified
 from schemas.surfaces import SURFACES
 from stages.registry import TRADED, load_trade
 from stages.simulate_grasps.stage import sensors_of_grasps
@@ -106,14 +105,14 @@ def test_interrupted_and_resumed_measurement_gives_the_same_errors(measured_data
 
 def test_other_settings_are_measured_again(measured_data: Path) -> None:
     own = setup(measured_data)
-    assert trade_key(STAGE, own) == trade_key(STAGE, own.with_objects(()))
+    assert stage_key(STAGE, own) == stage_key(STAGE, replace(own, objects=()))
     for other in (
         setup(measured_data, assignments=(FAST, "sample-surfaces.diagonal=0.3")),
         setup(measured_data, assignments=("directions=64",)),
     ):
-        assert trade_key(STAGE, other) != trade_key(STAGE, own)
+        assert stage_key(STAGE, other) != stage_key(STAGE, own)
     hands = [
-        trade_key("render-vision", setup(measured_data, assignments=(f"simulate-grasps.hand={hand}",)))
+        stage_key("render-vision", setup(measured_data, assignments=(f"simulate-grasps.hand={hand}",)))
         for hand in ("allegro_right", "allegro_left")
     ]
     assert hands[0] != hands[1]
@@ -123,10 +122,10 @@ def test_key_changes_with_the_content_of_the_sensor_file(tmp_path: Path) -> None
     described = description_path("sensor", "gel_16mm").read_text()
     (file := tmp_path / "gel.yaml").write_text(described)
     own = setup(tmp_path, assignments=(f"simulate-grasps.sensor={file}",), network=NETWORK)
-    before = _key(own)
-    assert _key(own) == before
+    before = stage_key("evaluate", own)
+    assert stage_key("evaluate", own) == before
     file.write_text(described.replace("rows: 100", "rows: 50"))
-    assert _key(own) != before
+    assert stage_key("evaluate", own) != before
 
 
 @pytest.mark.parametrize("stage", TRADED)
@@ -206,8 +205,8 @@ def test_coarser_sensor_keeps_its_photograph(tmp_path: Path) -> None:
 
 def test_objects_with_the_same_names_and_other_sources_are_measured_again(measured_data: Path, tmp_path: Path) -> None:
     one = setup(Path(shutil.copytree(measured_data, tmp_path / "data")))
-    begun = one.begin(tmp_path / "work", STAGE, trade_key(STAGE, one), metric="", unit="", trained=0, total=4)
+    begun = one.begin(tmp_path / "work", STAGE, stage_key(STAGE, one), metric="", unit="", trained=0, total=4)
     assert begun.points
     other = one.with_objects([replace(item, source={**item.source, "seed": 5}) for item in one.objects])
-    begun = other.begin(tmp_path / "work", STAGE, trade_key(STAGE, other), metric="", unit="", trained=0, total=4)
+    begun = other.begin(tmp_path / "work", STAGE, stage_key(STAGE, other), metric="", unit="", trained=0, total=4)
     assert not begun.points

@@ -1,14 +1,12 @@
 """Samples represent all objects within a time limit."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 
 import pytest
 
 from pipeline.config.sources import Object
-from pipeline.tradeoff.sample import FEWEST, MOST, affordable, stratified
+from pipeline.tradeoff.measure import FEWEST, MOST, Setup, stratified
 
 OBJECTS = [Object(f"{kind}-{split}-{number:02d}", kind, {}, split) for kind in "abc" for split in ("train", "test") for number in range(20)]
 
@@ -43,4 +41,5 @@ def test_sample_of_a_small_manifest_is_complete_and_contains_rare_splits() -> No
 @pytest.mark.parametrize(("seconds", "count"), [(0, FEWEST), (10, 10), (1000, MOST)])
 def test_sample_stays_within_the_time_limit(seconds: float, count: int) -> None:
     objects = [Object(f"{number:02d}", "", {}, "train") for number in range(60)]
-    assert len(affordable(objects, 0, seconds, lambda sample: float(len(sample)))) == count
+    setup = Setup(Path(), "many", objects, 0, "draft")
+    assert len(setup.affordable(seconds, lambda sample: float(len(sample.objects))).objects) == count
