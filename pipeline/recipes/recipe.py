@@ -21,7 +21,6 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, parse_yaml
 from pipeline.formats.file_content import read_text
 from pipeline.store import digest
-from pipeline.store.directory import shard_of
 from pipeline.store.record import Name, Sha256, Text
 
 MAX_BYTES = 2**28
@@ -207,15 +206,3 @@ def read_recipe(path: Path) -> Recipe:
 def object_lines(rows: Iterable[tuple[str, RecipeRow]]) -> str:
     """Write the lines of objects, in order of their ids."""
     return "".join(f"{name} {row.source} {' '.join(row.digests)}\n" for name, row in sorted(rows))
-
-
-def roots_of(
-    rows: Mapping[str, tuple[str, str]],  # the digest of each object's row, and its split
-    constants: str,  # digest of the arrays without an object dimension
-    shards: int,  # to compute with, whatever number they are stored in
-) -> tuple[str, ...]:
-    """Compute the root of each shard."""
-    members: list[list[tuple[str, str]]] = [[] for _ in range(shards)]
-    for name, (row_digest, split) in rows.items():
-        members[shard_of(name, shards)].append((name, f"{row_digest} {split}"))
-    return tuple(digest.of_rows(members[number], {"constants": constants}) for number in range(shards))

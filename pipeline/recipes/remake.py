@@ -1,8 +1,7 @@
 """Make a dataset again from its recipe; everything is checked before anything runs."""
 
 import secrets
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,50 +12,25 @@ from pipeline.config.manifest import Manifest, Object
 from pipeline.config.settings import Settings, load_presets
 from pipeline.console import NAMED, abbreviate, pluralise
 from pipeline.engine import keys
-from pipeline.engine.executor import Executor, Serial
 from pipeline.engine.plan import Request
 from pipeline.engine.versions import PHYSICS, library_versions
 from pipeline.errors import InvalidInput, unknown_name
 from pipeline.formats.description_file import invalid_entries, shipped_files
+from pipeline.recipes.dataset_recipe import source_hash
 from pipeline.recipes.own_files import DESCRIBED, place_files, with_names
 from pipeline.recipes.recipe import Recipe
-from pipeline.recipes.recipe_writing import source_hash
 from pipeline.store.storage import Location
 from stages.registry import DATASET, load_stage, resolve
 
 
-@dataclass(frozen=True)
-class Remake:
-    """A recipe that is ready to run, with the user's folders; nothing has been run."""
-
-    recipe: Recipe
-    items: Sequence[Object]  # its objects, or a sample of them
-    settings: Mapping[str, Settings]  # by stage
-    sampled: bool = False  # `items` are a sample
-
-    def requests(self, data: Location, shards: int | None = None, executor: Executor | None = None) -> Iterator[Request[Any]]:
-        """Yield the request of each stage in turn."""
-        for name, settings in self.settings.items():
-            yield Request(
-                stage=load_stage(name),
-                settings=settings,
-                manifest=self.recipe.manifest.name,
-                objects=self.items,
-                preset=self.recipe.preset,
-                seed=self.recipe.seed,
-                data=data,
-                shards=shards,
-                executor=executor or Serial(),
-            )
-
-
 def prepare_remake(
     recipe: Recipe,  # possibly from an untrusted source
+    data: Location,  # where to make it
     objects: Path | None = None,  # folder of its meshes; of the folders, where the recipe names several
     descriptions: Path | None = None,  # for hand, sensor and scene files of no package; the recipe's are written there
     sample: int | None = None,  # how many objects, drawn at random
-) -> Remake:
-    """Check everything that a recipe needs before anything is made.
+) -> list[Request[Any]]:
+    """Check everything that a recipe needs before anything is made, and make the request of each stage in turn.
 
     An `InvalidInput` names a source, setting or description file that is missing or is not that of the recipe, and what
     to do.
@@ -73,7 +47,14 @@ def prepare_remake(
         drawn = set(secrets.SystemRandom().sample([item.object_id for item in items], sample))
         items = [item for item in items if item.object_id in drawn]
     _check_sources(recipe, items)
-    return Remake(recipe, items, settings, sampled=len(items) < len(recipe.rows))
+    of_all: dict[str, Any] = {
+        "manifest": recipe.manifest.name,
+        "objects": items,
+        "preset": recipe.preset,
+        "seed": recipe.seed,
+        "data": data,
+    }
+    return [Request(load_stage(name), chosen, **of_all) for name, chosen in settings.items()]
 
 
 def _check_stages(recipe: Recipe) -> None:
