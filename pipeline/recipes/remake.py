@@ -41,20 +41,13 @@ def prepare_remake(
         place_files(recipe, descriptions)
     settings = {name: _settings(recipe, name, descriptions) for name in recipe.stages}
     _check_stages(recipe)
-    manifest = _with_folders(recipe.manifest, objects)
-    items = _listed(recipe, manifest, objects)
+    items = _listed(recipe, objects)
     if sample is not None and sample < len(items):
         drawn = set(secrets.SystemRandom().sample([item.object_id for item in items], sample))
         items = [item for item in items if item.object_id in drawn]
     _check_sources(recipe, items)
-    of_all: dict[str, Any] = {
-        "manifest": recipe.manifest.name,
-        "objects": items,
-        "preset": recipe.preset,
-        "seed": recipe.seed,
-        "data": data,
-    }
-    return [Request(load_stage(name), chosen, **of_all) for name, chosen in settings.items()]
+    name, preset, seed = recipe.manifest.name, recipe.preset, recipe.seed
+    return [Request(load_stage(stage), chosen, name, items, preset, seed, data) for stage, chosen in settings.items()]
 
 
 def _check_stages(recipe: Recipe) -> None:
@@ -114,28 +107,21 @@ def _version_remedy(recipe: Recipe) -> str:
     return f"install vt-pipeline {recipe.versions.get('vt-pipeline', 'as the recipe says')}"
 
 
-def _with_folders(manifest: Manifest, objects: Path | None) -> Manifest:
-    """Resolve the folders that the recipe names below the user's folder."""
-    named = [source.path for source in manifest.sources if isinstance(source, FolderSource) and source.path]
+def _listed(recipe: Recipe, objects: Path | None) -> list[Object]:
+    """List the objects, which must be those of the recipe: others would change how splits are drawn."""
+    folders = [source for source in recipe.manifest.sources if isinstance(source, FolderSource)]
+    named = [str(source.path) for source in folders if source.path]
     if named and objects is None:
-        raise InvalidInput(
-            f"the recipe takes meshes from folders {abbreviate(list(map(str, named)))}; give what holds them: --objects FOLDER"
-        )
-    changed = [
+        raise InvalidInput(f"the recipe takes meshes from folders {abbreviate(named)}; give what holds them: --objects FOLDER")
+    if objects is not None and not folders:
+        raise InvalidInput(f"the recipe of {recipe.manifest.name} names its own objects; leave --objects out")
+    sources = [
         source.model_copy(update={"path": objects / source.path})
         if isinstance(source, FolderSource) and source.path and objects
         else source
-        for source in manifest.sources
+        for source in recipe.manifest.sources
     ]
-    return manifest.model_copy(update={"sources": tuple(changed)})
-
-
-def _listed(recipe: Recipe, manifest: Manifest, objects: Path | None) -> list[Object]:
-    """List the objects, which must be those of the recipe: others would change how splits are drawn."""
-    folders = [source for source in manifest.sources if isinstance(source, FolderSource)]
-    root = None if any(source.path for source in folders) or not folders else objects
-    if objects is not None and not folders:
-        raise InvalidInput(f"the recipe of {manifest.name} names its own objects; leave --objects out")
+    manifest, root = recipe.manifest.model_copy(update={"sources": tuple(sources)}), None if named else objects
     listed_ids = {item.object_id for source in manifest.sources for item in source.find(root if isinstance(source, FolderSource) else None)}
     if missing := sorted(recipe.rows.keys() - listed_ids):
         raise InvalidInput(
