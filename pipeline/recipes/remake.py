@@ -116,10 +116,8 @@ def _listed(recipe: Recipe, objects: Path | None) -> list[Object]:
     if objects is not None and not folders:
         raise InvalidInput(f"the recipe of {recipe.manifest.name} names its own objects; leave --objects out")
     sources = [
-        source.model_copy(update={"path": objects / source.path})
-        if isinstance(source, FolderSource) and source.path and objects
-        else source
-        for source in recipe.manifest.sources
+        item.model_copy(update={"path": objects / item.path}) if objects and isinstance(item, FolderSource) and item.path else item
+        for item in recipe.manifest.sources
     ]
     manifest, root = recipe.manifest.model_copy(update={"sources": tuple(sources)}), None if named else objects
     listed_ids = {item.object_id for source in manifest.sources for item in source.find(root if isinstance(source, FolderSource) else None)}
