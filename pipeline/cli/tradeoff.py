@@ -95,8 +95,8 @@ def _announce(stages: tuple[str, ...], setup: Setup, seconds: float) -> None:
         f"{', '.join(stages)}: about {max(foreseen / 60, 0.1):.1f} min on {pluralise(len(setup.objects))}, less what is measured already"
     )
     for stage in stages:
-        if left_out := forecast(stage, setup, LONGEST * seconds)[1]:
-            print_line(f"{stage}: skipped, longer than a quarter of the time even on few objects: {'; '.join(left_out)}")
+        if skipped := forecast(stage, setup, LONGEST * seconds)[1]:
+            print_line(f"{stage}: skipped, longer than a quarter of the time even on few objects: {'; '.join(skipped)}")
 
 
 def _show(trade: MeasuredTrade, data: Path) -> None:

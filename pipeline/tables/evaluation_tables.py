@@ -74,8 +74,8 @@ class GraspTables:
             f"{self.settings['points']} points drawn from each surface. In brackets: {100 * LEVEL:.0f} % bootstrap intervals over objects."
         )
         yield from about_rows(self.folder, self.scored, self.common)
-        if self.root["left_out"]:
-            yield Table(f"Failed: {', '.join(self.root['left_out'])}")
+        if self.root["failed"]:
+            yield Table(f"Failed: {', '.join(self.root['failed'])}")
         yield self._accuracy()
         by_number = {str(number): partial(self._distance, number) for number in self.numbers}
         if len(by_number) > 1:

@@ -49,7 +49,7 @@ class _Root(BaseModel):
     seed: int
     split: str
     configurations: Annotated[dict[str, _Configuration], Field(min_length=1)]
-    left_out: dict[str, str]
+    failed: dict[str, str]
     training_objects: int
     paper_sizes: bool
 

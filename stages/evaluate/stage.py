@@ -167,7 +167,7 @@ class Evaluation(DatasetStage):
             "seed": job.seed,
             "split": rows.split,
             "configurations": {item.name: item.inputs for item in reconstructors},
-            "left_out": rows.failed,
+            "failed": rows.failed,
             "training_objects": len(protocol.training or ()),
             "paper_sizes": has_paper_sizes(job.data),
             **self.attributes(job, protocol),
@@ -180,7 +180,7 @@ class Evaluation(DatasetStage):
         training = {Path(name).name: DataDirectory(job.data).folder(name).facts for name in job.models}
         if training:
             job.console.print(escape(f"`vt-pipeline report {shlex.quote(str(job.data))}` shows what was measured"))
-        return {"objects": len(rows), "left_out": len(rows.failed), "training": training}
+        return {"objects": len(rows), "failed": len(rows.failed), "training": training}
 
 
 def _measured(item: "Reconstructor", protocol: "Protocol", job: DatasetJob) -> tuple[list[Figure], Arrays]:

@@ -136,12 +136,12 @@ def test_candidates_are_allowed_and_differ(stage: str, tmp_path: Path) -> None:
     assert len(listed) > len(declared.candidates)
     assert len({str(settings.results()) for settings, _ in listed.values()}) == len(listed)
     assert one.settings(stage, declared.reference).results()
-    seconds, left_out = forecast(stage, one, 1e9)
+    seconds, skipped = forecast(stage, one, 1e9)
     assert seconds > 0
-    assert not left_out
+    assert not skipped
 
 
-def test_candidates_that_conflict_with_the_settings_are_left_out(tmp_path):
+def test_candidates_that_conflict_with_the_settings_are_skipped(tmp_path):
     labels = candidates("simulate-grasps", setup(tmp_path, assignments=("simulate-grasps.grasps=50",)))
     assert "ik_samples=256" in labels
     assert "attempts=10" not in labels  # they yield 40 grasps at most
