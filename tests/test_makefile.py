@@ -13,8 +13,7 @@ import pytest
 
 from pipeline.engine.stage import ObjectStage
 from pipeline.models.families import FAMILIES, GRASP_CONFIGURATIONS, family_of
-from stages.registry import STAGES, load_stage
-from stages.request import default_place
+from stages.registry import STAGES, default_place, load_stage
 
 ROOT = Path(__file__).parents[1]
 

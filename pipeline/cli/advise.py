@@ -13,8 +13,7 @@ from pipeline.cli.request import DataOption, ManifestOption, PresetOption, SetOp
 from pipeline.config.manifest import load_manifest
 from pipeline.console import Row, Table, console, pluralise, print_line, show_tables
 from pipeline.store.storage import as_location, on_disk
-from stages.registry import DATASET, TRADED
-from stages.request import default_place
+from stages.registry import DATASET, TRADED, default_place
 
 if TYPE_CHECKING:  # imported when the command is called: scipy takes long
     from pipeline.tradeoff.advice import Choice, Workload

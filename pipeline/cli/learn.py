@@ -29,8 +29,7 @@ from pipeline.errors import StageError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location
 from pipeline.tradeoff import sweep as sweeps
-from stages.registry import STAGES, assignment, load_stage, resolve
-from stages.request import make_request
+from stages.registry import STAGES, assignment, load_stage, make_request, resolve
 
 SINGLE = "evaluation-single-image"
 

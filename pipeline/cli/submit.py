@@ -21,8 +21,7 @@ from pipeline.cluster import slurm
 from pipeline.cluster.slurm_jobs import Submission, load_cluster, plan_jobs, script_of
 from pipeline.console import print_line
 from pipeline.store.directory import DataDirectory
-from stages.registry import STAGES
-from stages.request import make_request
+from stages.registry import STAGES, make_request
 
 
 def submit(

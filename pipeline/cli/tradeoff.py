@@ -21,8 +21,7 @@ from pipeline.cli.request import (
 )
 from pipeline.console import console, errors, pluralise, print_line, show_tables
 from pipeline.errors import unknown_name
-from stages.registry import DATASET, TRADED
-from stages.request import make_request
+from stages.registry import DATASET, TRADED, make_request
 
 if TYPE_CHECKING:  # the commands below import these when they are called: scipy and matplotlib take most of a second
     from pipeline.tradeoff.measure import Setup

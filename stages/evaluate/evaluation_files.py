@@ -4,17 +4,15 @@ import re
 import shutil
 from collections.abc import Iterable, Mapping, Sequence, Set
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import zarr
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, ValidationError
 from pydantic_zarr.v3 import GroupSpec
 from zarr.storage import LocalStore
 
 from pipeline.errors import StoreError
-from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.directory import DataDirectory
 from pipeline.store.layout import array_spec, numpy_dtype
@@ -31,27 +29,6 @@ SHIPPED_ROWS = "shipped-"
 """Prefix of the names of its rows in tables: `shipped-touch` takes touches."""
 
 Arrays = dict[str, np.ndarray]
-
-
-class _MeasuringSettings(BaseModel):
-    points: int
-    scale: float
-
-
-class _Configuration(BaseModel):
-    touch: bool
-
-
-class _Root(BaseModel):
-    """The attributes that are printed."""
-
-    settings: _MeasuringSettings
-    seed: int
-    split: str
-    configurations: Annotated[dict[str, _Configuration], Field(min_length=1)]
-    failed: dict[str, str]
-    training_objects: int
-    paper_sizes: bool
 
 
 class Figure(NamedTuple):
@@ -200,14 +177,7 @@ def _root(folder: Path) -> zarr.Group:
 
 def read_root(folder: Path) -> dict[str, Any]:
     """Read the attributes of an evaluation folder: settings, seed, configurations; raise a `StoreError` if it is incomplete."""
-    attributes = dict(_root(folder).attrs.asdict())
-    try:
-        _Root.model_validate(attributes)
-    except ValidationError as error:
-        raise StoreError(
-            f"{folder / TABLES_ZARR}: its attributes cannot be used: {invalid_entries(error)}; run evaluate, or score, again"
-        ) from error
-    return attributes
+    return dict(_root(folder).attrs.asdict())
 
 
 def has_table(folder: Path, name: str) -> bool:

@@ -461,6 +461,3 @@ def test_evaluation_that_violates_its_schema_is_refused(evaluation, tmp_path):
     root.attrs["configurations"] = {"moon": {"touch": True}}
     with pytest.raises(StoreError, match="has no figures of moon"):
         read_values([folder])
-    root.attrs["settings"] = {"points": 0}
-    with pytest.raises(StoreError, match=r"its attributes cannot be used: entry settings\.scale is missing"):
-        evaluation_tables(folder)
