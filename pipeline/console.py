@@ -50,9 +50,15 @@ def console_on(stream: TextIO) -> Console:
 console, errors = console_on(sys.stdout), console_on(sys.stderr)
 
 
-def print_line(line: str) -> None:
-    """Print a line without interpreting markup."""
-    console.print(escape(line))
+def print_lines(*lines: object) -> None:
+    """Print lines without interpreting markup."""
+    for line in lines:
+        console.print(escape(str(line)))
+
+
+def print_warning(label: str, text: object) -> None:
+    """Print a line on standard error that begins with a yellow label."""
+    errors.print(f"[yellow]{label}[/] {escape(str(text))}")
 
 
 def pluralise(number: int, what: str = "object") -> str:

@@ -4,8 +4,10 @@ from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict
+from pydantic import AfterValidator, ConfigDict, Field
 from pydantic.dataclasses import dataclass
+
+from pipeline.entries import Entries
 
 Dtype = Literal["float64", "float32", "int32", "uint8", "bool", "string"]
 
@@ -59,14 +61,12 @@ COMMON = {
 """Arrays that every artifact has."""
 
 
-class Artifact(BaseModel):
+class Artifact(Entries):
     """What one stage writes: the arrays of a shard's root group, and those of a group per object where sizes differ.
 
     `ragged` maps an array's path below the root with the object's id left out, such as `meshes/vertices` for
     `meshes/OBJECT_ID/vertices`; a `*` in it stands for a number.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
     stage: str = "STAGE"  # that makes it: before it has been made, no record names it, and readers cannot import stages
@@ -74,7 +74,7 @@ class Artifact(BaseModel):
     version: int
     summary: str
     arrays: Annotated[dict[str, Array], AfterValidator(lambda arrays: {**COMMON, **arrays})]  # those of `COMMON` among them
-    ragged: dict[str, Array] = {}
+    ragged: dict[str, Array] = Field({})
 
     def of(self, name: str) -> Array | None:
         """Find the declaration of an array by name or path, ragged ones included; None if there is none."""

@@ -1,6 +1,5 @@
 """The command line: lists, runs and errors."""
 
-import inspect
 import json
 import re
 import shutil
@@ -11,11 +10,12 @@ from pathlib import Path
 
 import pytest
 import trimesh
+import typer
 import yaml
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.cli.request import make_executor
+from pipeline.cli.options import make_executor
 from pipeline.config.settings import value_text
 from pipeline.formats.description_file import shipped_files
 from pipeline.tradeoff.sweep import point_folder
@@ -308,8 +308,9 @@ def test_help_groups_commands_and_options_under_short_first_lines() -> None:
     options = invoke("run", "--help")[1]
     for panel in ("Objects and data", "Settings", "How to run"):
         assert f"─ {panel} ─" in options
-    for command in app.registered_commands:
-        assert len(inspect.getdoc(command.callback).splitlines()[0]) <= 80
+    commands = typer.main.get_command(app)
+    for name in commands.list_commands(None):
+        assert len(commands.get_command(None, name).help.splitlines()[0]) <= 80, name
 
 
 def test_version_equals_the_package_version() -> None:

@@ -7,7 +7,7 @@ import pytest
 import typer
 
 from pipeline.cli.failures import report_failures
-from pipeline.console import Meter, console_on, pluralise, print_line, print_table
+from pipeline.console import Meter, console_on, pluralise, print_lines, print_table
 from pipeline.errors import InvalidInput
 
 
@@ -40,7 +40,7 @@ def test_control_characters_are_printed_as_escapes(capsys):
     meter = Meter(console_on(sys.stdout), "a\x1b]0;owned\x07b", 1, "steps")
     meter._bar.console.print(meter._bar)
     print_table(console_on(sys.stdout), ["\x9b2J"], [["\u202etxt.exe"]])
-    print_line("é [bold] :smile: \x1b[31mred\n\udcff\x00\u2028")
+    print_lines("é [bold] :smile: \x1b[31mred\n\udcff\x00\u2028")
     output = capsys.readouterr().out
     assert all(character.isprintable() or character == "\n" for character in output)
     for expected in (r"a\x1b]0;", r"\x9b2J", r"\u202et", r"é [bold] :smile: \x1b[31mred" + "\n" + r"\udcff\x00\u2028"):

@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from pipeline.contrib.toy_objects import CATEGORIES, generate
+from pipeline.contrib.toy_objects.source import MAKERS, generate
 from pipeline.drawing.views import fitted_camera, render_mesh
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.mesh_cleaning import normalise_mesh
@@ -21,11 +21,11 @@ def picture_classes(path: Path) -> None:
     panels: list[tuple[str, Panel]] = []
     with Renderer(scene, PIXELS) as renderer:
         for number in range(EACH):
-            for category in CATEGORIES:
+            for category in MAKERS:
                 mesh = normalise_mesh(generate(category, numpy_rng(number, category), 4 * number), up="z", diagonal=0.5)
                 camera = fitted_camera(scene.square_camera(PIXELS), mesh.vertices)
                 panels.append(("" if number else category, render_mesh(renderer, mesh, camera)))
-    draw_row(panels, path, len(CATEGORIES), inches=0.9)
+    draw_row(panels, path, len(MAKERS), inches=0.9)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from PIL import Image
 
 from pipeline.config.folder_sources import ShapeNet
 from pipeline.config.manifest import load_manifest
-from pipeline.console import Meter, errors, print_line
+from pipeline.console import Meter, errors, print_lines
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.errors import StageError
 from pipeline.formats.rendering_folder import METADATA, PIXELS, VIEWS, image_name
@@ -112,7 +112,7 @@ def render(renderer: Renderer, mesh: Mesh, viewpoint: Viewpoint) -> NDArray[np.u
 def main() -> None:
     """Write the folder of the command line."""
     data, folder = sys.argv[1:]
-    print_line(f"{folder}: {write_dataset(data, Path(folder))} objects, {VIEWS} renderings each")
+    print_lines(f"{folder}: {write_dataset(data, Path(folder))} objects, {VIEWS} renderings each")
 
 
 if __name__ == "__main__":

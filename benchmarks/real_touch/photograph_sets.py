@@ -8,9 +8,10 @@ from typing import Annotated
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from skimage.draw import polygon2mask
 
+from pipeline.entries import Entries
 from pipeline.formats.image_file import read_image
 from pipeline.kernels.touch.ball_contact import Circle, Photograph
 from pipeline.kernels.touch.find_contact import find_contact
@@ -22,11 +23,7 @@ Positive = Annotated[float, Field(gt=0)]
 Pixel = tuple[float, float]
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Balls(_Entry):
+class Balls(Entries):
     """Photographs of balls of one size."""
 
     files: Annotated[str, Field(description="pattern of the photographs, below the set's folder")]
@@ -36,7 +33,7 @@ class Balls(_Entry):
     )
 
 
-class PressDescription(_Entry):
+class PressDescription(Entries):
     """A photograph of a known shape at a known depth."""
 
     file: str
@@ -46,7 +43,7 @@ class PressDescription(_Entry):
     corners: Annotated[tuple[Pixel, ...] | None, Field(description="of a flat face, pixels")] = None
 
 
-class SetDescription(_Entry):
+class SetDescription(Entries):
     """A set of photographs of one sensor."""
 
     name: str

@@ -13,10 +13,10 @@ from pipeline.cli.failures import report_failures
 from pipeline.errors import PipelineError
 
 PANELS = {
-    "Make": {"run": "run", "submit": "submit", "remake": "recipe", "tradeoff": "tradeoff", "advise": "advise"},
-    "Learn": {"sweep": "learn", "predict": "learn", "demo": "learn", "score": "learn", "read-touch": "read"},
-    "Describe": {"check": "check", "stages": "inspection"},
-    "Look and export": {"status": "inspection", "summary": "inspection", "export": "export", "recipe": "recipe"},
+    "Make": {"run": "run", "submit": "run", "remake": "share", "tradeoff": "tradeoff", "advise": "tradeoff"},
+    "Learn": {"sweep": "tradeoff", **dict.fromkeys(("predict", "demo", "score", "read-touch"), "reconstruct")},
+    "Describe": {"check": "inspection", "stages": "inspection"},
+    "Look and export": {"status": "inspection", "summary": "inspection", "export": "share", "recipe": "share"},
     "Maintain": {"validate": "inspection", "collect-garbage": "inspection", "doctor": "inspection"},
 }
 """The commands of each panel, with the module of `pipeline.cli` that has the function of this name."""

@@ -1,21 +1,67 @@
-"""Commands that inspect the stages, a data directory and the machine."""
+"""Commands that inspect description files, the stages, a data directory and the machine."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
+from pipeline.cli import options
 from pipeline.cli.failures import fail
-from pipeline.cli.request import DataArgument
+from pipeline.cli.options import DataArgument
 from pipeline.config.settings import value_text
-from pipeline.console import console, errors, print_line, show_tables
-from pipeline.errors import PipelineError
+from pipeline.console import console, errors, print_lines, print_table, show_tables
+from pipeline.errors import InvalidInput, PipelineError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location
 from schemas.catalogue import ARTIFACTS
 from stages.registry import STAGES, load_stage
+
+
+def check(
+    file: Annotated[
+        str,
+        typer.Argument(
+            help="A hand, sensor, scene, manifest or observation file, or the name of a shipped one.",
+            autocompletion=options.complete_described("hand", "sensor", "scene", "manifest"),
+        ),
+    ],
+    picture: Annotated[Path | None, typer.Option(help="PNG to draw it in; by default NAME.png in the current folder.")] = None,
+    models: Annotated[
+        str | None, typer.Option(help="Folder of trained models, to check an observation against one; by default the pretrained ones.")
+    ] = None,
+    configuration: Annotated[
+        str | None, typer.Option(help="Which model of MODELS; by default occluded-touch, of pretrained ones implicit-any.")
+    ] = None,
+    objects: options.ObjectsOption = None,
+    units: options.UnitsOption = None,
+    up: options.UpOption = None,
+) -> None:
+    """Check and draw a hand, sensor, scene, manifest or observation file.
+
+    All faults are named at once; with one, the exit status is 1. A manifest's objects are all read: sizes, units, faces, textures. An
+    observation is checked as `predict` does before it runs.
+    """
+    from pipeline.checks.description_checks import check_file, described_file
+    from pipeline.checks.manifest_check import MeshFiles
+
+    path, kind, drawing = described_file(file, picture)
+    meshes = None if objects is None and units is None and up is None else MeshFiles(objects, units, up)
+    if kind == "observation" and meshes is None:
+        from pipeline.models.shipped_weights import models_place
+        from pipeline.reconstruct.observation_picture import draw_observation
+        from pipeline.reconstruct.predict import PredictOptions
+
+        network = PredictOptions(None if models is None else models_place(models), configuration)
+        lines = draw_observation(path, drawing, network.reader().target)
+    elif models is not None or configuration is not None:
+        option = f"--models {models}" if configuration is None else f"--configuration {configuration}"
+        raise InvalidInput(f"{path} is a {kind} file; only an observation is checked against models: leave out {option}")
+    else:
+        lines = check_file(file, picture, meshes)
+    print_lines(*lines)
+    if any(line.startswith("fault:") for line in lines):
+        raise typer.Exit(1)
 
 
 def stages() -> None:
@@ -29,10 +75,11 @@ def stages() -> None:
         settings = stage.settings_type()
         reads = ", ".join(stage.reads(settings)) or "the manifest's meshes"
         console.print(f"[bold]{name}[/]  {stage.summary}\n  reads {reads}; writes {stage.writes(settings)}")
-        table = Table("setting", "default", "changes", "why", box=None, pad_edge=True, padding=(0, 2))
-        for setting, info in stage.settings_type.model_fields.items():
-            table.add_row(setting, escape(value_text(info.default)), stage.settings_type.changes(setting), info.description)
-        console.print(table)
+        rows = [
+            (setting, escape(value_text(info.default)), stage.settings_type.changes(setting), info.description)
+            for setting, info in stage.settings_type.model_fields.items()
+        ]
+        print_table(console, ("setting", "default", "changes", "why"), rows)
 
 
 def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False) -> None:
@@ -45,10 +92,56 @@ def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", h
     if as_json:
         typer.echo(account.to_json())
     elif not (account.artifacts or account.folders or account.damaged or account.other_versions or account.jobs):
-        print_line(f"{directory.resolve()}: nothing has been made here")
+        print_lines(f"{directory.resolve()}: nothing has been made here")
     else:
         report.show(account, console)
     if account.damaged:
+        raise typer.Exit(1)
+
+
+def summary(
+    data: DataArgument,
+    most: Annotated[int, typer.Option(min=1, help="Maximum number of objects to draw, spread evenly.")] = 40,
+) -> None:
+    """Print a dataset's statistics and draw its contact sheets."""
+    from pipeline.drawing.contact_sheet import SHOWN, contact_sheets
+    from pipeline.tables.touch_tables import read_touches, touch_tables
+
+    directory = as_location(data)
+    print_lines(directory.resolve())
+    show_tables(console, touch_tables(read_touches(directory)))
+    missing = [name for name in SHOWN if not DataDirectory(directory).collection(ARTIFACTS[name]).shards]
+    if missing:
+        print_lines(f"no contact sheets: {' and '.join(missing)} {'have' if len(missing) > 1 else 'has'} not been made")
+    else:
+        print_lines(*(f"contact sheet: {path}" for path in contact_sheets(directory, most)))
+
+
+def validate(
+    data: DataArgument,
+    strict: Annotated[bool, typer.Option(help="Also reject artifacts that several kinds of processors computed.")] = False,
+    recipe: Annotated[Path | None, typer.Option(help="Also compare the rows with those of this recipe.")] = None,
+) -> None:
+    """Check a data directory against schemas and digests.
+
+    Exits with status 1 if a check fails.
+    """
+    from pipeline.cli.share import print_comparison
+    from pipeline.drawing.written_files import report_problems
+    from pipeline.recipes.dataset_recipe import compare
+    from pipeline.recipes.recipe import read_recipe
+    from pipeline.store.validate import problems_below
+
+    expected = read_recipe(recipe) if recipe else None
+    problems = problems_below(as_location(data), strict=strict)
+    if not problems:
+        fail(f"{as_location(data).resolve()} holds no records; looked for ARTIFACT/NNNN-of-NNNN.json")
+    problems |= report_problems(as_location(data))
+    for path, lines in problems.items():
+        console.print(f"{escape(str(path))}: {'[green]valid[/]' if not lines else '[red]not valid[/]'}")
+        print_lines(*(f"  {line}" for line in lines))
+    equal = expected is None or print_comparison(compare(expected, DataDirectory(data)), recipe)
+    if any(problems.values()) or not equal:
         raise typer.Exit(1)
 
 
@@ -66,41 +159,10 @@ def collect_garbage(
     if not directory.is_data_directory():
         fail(f"{data} is not a data directory: it has no dataset.json, and no record")
     removed = collect_everything(directory, 60 * older_than)
-    for path in removed:
-        print_line(f"removed {path}")
+    print_lines(*(f"removed {path}" for path in removed))
     for link in links(directory):
-        print_line(f"{link} is a symbolic link: nothing is removed from {link.resolve()}; move that folder here, or remove there by hand")
-    print_line(f"{data}: {len(removed)} removed")
-
-
-def validate(
-    data: DataArgument,
-    strict: Annotated[bool, typer.Option(help="Also reject artifacts that several kinds of processors computed.")] = False,
-    recipe: Annotated[Path | None, typer.Option(help="Also compare the rows with those of this recipe.")] = None,
-) -> None:
-    """Check a data directory against schemas and digests.
-
-    Exits with status 1 if a check fails.
-    """
-    from pipeline.cli.recipe import print_comparison
-    from pipeline.drawing.written_files import report_problems
-    from pipeline.recipes.dataset_recipe import compare
-    from pipeline.recipes.recipe import read_recipe
-    from pipeline.store.validate import problems_below
-
-    expected = read_recipe(recipe) if recipe else None
-    problems = problems_below(as_location(data), strict=strict)
-    if problems:
-        problems |= report_problems(as_location(data))
-    for path, lines in problems.items():
-        console.print(f"{escape(str(path))}: {'[green]valid[/]' if not lines else '[red]not valid[/]'}")
-        for line in lines:
-            print_line(f"  {line}")
-    if not problems:
-        fail(f"{as_location(data).resolve()} holds no records; looked for ARTIFACT/NNNN-of-NNNN.json")
-    equal = expected is None or print_comparison(compare(expected, DataDirectory(data)), recipe)
-    if any(problems.values()) or not equal:
-        raise typer.Exit(1)
+        print_lines(f"{link} is a symbolic link: nothing is removed from {link.resolve()}; move that folder here, or remove there by hand")
+    print_lines(f"{data}: {len(removed)} removed")
 
 
 def doctor() -> None:
@@ -111,26 +173,7 @@ def doctor() -> None:
     for check in examine():
         console.print(f"[{'green' if check.ok else 'red'}]{'ok' if check.ok else 'missing':8}[/]{escape(check.subject)}")
         if not check.ok:
-            print_line(f"        {check.remedy}")
+            print_lines(f"        {check.remedy}")
             healthy = False
     if not healthy:
         raise typer.Exit(1)
-
-
-def summary(
-    data: DataArgument,
-    most: Annotated[int, typer.Option(min=1, help="Maximum number of objects to draw, spread evenly.")] = 40,
-) -> None:
-    """Print a dataset's statistics and draw its contact sheets."""
-    from pipeline.drawing.contact_sheet import SHOWN, contact_sheets
-    from pipeline.tables.touch_tables import read_touches, touch_tables
-
-    directory = as_location(data)
-    print_line(str(directory.resolve()))
-    show_tables(console, touch_tables(read_touches(directory)))
-    missing = [name for name in SHOWN if not DataDirectory(directory).collection(ARTIFACTS[name]).shards]
-    if missing:
-        print_line(f"no contact sheets: {' and '.join(missing)} {'have' if len(missing) > 1 else 'has'} not been made")
-        return
-    for path in contact_sheets(directory, most):
-        print_line(f"contact sheet: {path}")

@@ -1,58 +1,47 @@
-"""`vt-pipeline run`: make the missing rows of one stage."""
+"""`vt-pipeline run` and `vt-pipeline submit`: make the missing rows of a stage, here or as jobs of a Slurm cluster."""
 
 import re
-from typing import Annotated
+import shlex
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
-from rich.markup import escape
 
-from pipeline.cli.completion import complete_object, complete_stage
+from pipeline.cli import options
 from pipeline.cli.failures import fail
-from pipeline.cli.request import (
-    OBJECTS,
-    RUN,
-    DataOption,
-    ExecutorOption,
-    ManifestOption,
-    ObjectsOption,
-    PresetOption,
-    SeedOption,
-    SetOption,
-    ShardsOption,
-    UnitsOption,
-    UpOption,
-    WorkersOption,
-    make_executor,
-)
+from pipeline.cli.options import OBJECTS, RUN
 from pipeline.config.manifest import load_manifest
-from pipeline.console import NAMED, abbreviate, console, errors, print_line
+from pipeline.console import NAMED, abbreviate, console, print_lines, print_warning
 from pipeline.engine.make import make
 from pipeline.engine.plan import Made
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location
 from stages.registry import STAGES, make_request
 
+complete_stage = options.complete(lambda: STAGES)
+
 
 def run(
     stage: Annotated[str, typer.Argument(help=f"One of {', '.join(STAGES)}.", autocompletion=complete_stage)],
-    manifest: ManifestOption = "toy",
-    preset: PresetOption = "draft",
-    data: DataOption = None,
-    objects: ObjectsOption = None,
+    manifest: options.ManifestOption = "toy",
+    preset: options.PresetOption = "draft",
+    data: options.DataOption = None,
+    objects: options.ObjectsOption = None,
     shard: Annotated[int | None, typer.Option(min=0, help="Only this shard of --shards.", rich_help_panel=RUN)] = None,
-    shards: ShardsOption = None,
-    executor: ExecutorOption = "processes",
-    workers: WorkersOption = 0,
+    shards: options.ShardsOption = None,
+    executor: options.ExecutorOption = "processes",
+    workers: options.WorkersOption = 0,
     scheduler: Annotated[
         str | None, typer.Option(help="Use the workers of this Dask scheduler, such as tls://HOST:8786.", rich_help_panel=RUN)
     ] = None,
     object_id: Annotated[
-        str | None, typer.Option("--object", help="Process only this object.", rich_help_panel=OBJECTS, autocompletion=complete_object)
+        str | None,
+        typer.Option("--object", help="Process only this object.", rich_help_panel=OBJECTS, autocompletion=options.complete_object),
     ] = None,
-    units: UnitsOption = None,
-    up: UpOption = None,
-    assignments: SetOption = None,
-    seed: SeedOption = None,
+    units: options.UnitsOption = None,
+    up: options.UpOption = None,
+    assignments: options.SetOption = None,
+    seed: options.SeedOption = None,
     strict: Annotated[bool, typer.Option(help="Stop at the first object that fails in this stage.", rich_help_panel=RUN)] = False,
     retry: Annotated[bool, typer.Option(help="Try objects again that failed in this stage.", rich_help_panel=RUN)] = False,
     check: Annotated[bool, typer.Option(help="Verify published rows first, and make damaged ones again.", rich_help_panel=RUN)] = False,
@@ -66,42 +55,76 @@ def run(
 
     Objects that are up to date are left alone; a run that was killed continues where it stopped.
     """
-    processes = make_executor(executor, workers, scheduler)
-    request = make_request(
-        stage,
-        manifest,
-        preset,
-        data=data,
-        objects=objects,
-        assignments=assignments or (),
-        seed=seed,
-        units=units,
-        up=up,
-        shards=shards,
-        executor=processes,
-        strict=strict,
-        retry=retry,
-        check=check,
-        only=object_id,
-        reuse=reuse and as_location(reuse),
-    )
+    processes = options.make_executor(executor, workers, scheduler)
+    named: dict[str, Any] = {"data": data, "objects": objects, "assignments": assignments or (), "seed": seed, "units": units, "up": up}
+    how: dict[str, Any] = {"shards": shards, "executor": processes, "strict": strict, "retry": retry, "check": check, "only": object_id}
+    request = make_request(stage, manifest, preset, **named, **how, reuse=reuse and as_location(reuse))
     if reuse and not DataDirectory(reuse).is_data_directory():
         fail(f"--reuse {reuse} is no data directory; name one that `vt-pipeline run` made")
-    understood = [] if request.stage.inputs(request.settings) else load_manifest(manifest).remarks(objects)
-    for line in (*understood, *request.stage.describe_objects(request.settings, request.objects)):
-        print_line(line)
+    print_lines(*([] if request.stage.inputs(request.settings) else load_manifest(manifest).remarks(objects)))
+    print_lines(*request.stage.describe_objects(request.settings, request.objects))
     with processes:
         make(request, console, shard, dry_run=dry_run, report=print_made)
 
 
 def print_made(made: Made) -> None:
     """Print what was made, or would be, and the objects that failed, grouped by reason."""
-    for line in (f"{made.stage} {made.path}: {made.text}", *made.notes):
-        print_line(line)
+    print_lines(f"{made.stage} {made.path}: {made.text}", *made.notes)
     alike: dict[str, list[str]] = {}
     for object_id, failure in made.failures.items():
         alike.setdefault(re.sub(rf"^{re.escape(object_id)}\b", "…", failure.reason), []).append(object_id)
     for shared, names in alike.items():
         reason = shared if len(names) > 1 else made.failures[names[0]].reason
         listed = abbreviate(names) + (f" ({len(names)} objects)" if len(names) > NAMED else "")
-        errors.print(f"  [yellow]failed[/] {escape(listed)}: {escape(reason)}")
+        print_warning("  failed", f"{listed}: {reason}")
+
+
+def submit(
+    stages: Annotated[list[str], typer.Argument(help=f"One or more of {', '.join(STAGES)}.", autocompletion=complete_stage)],
+    manifest: options.ManifestOption = "toy",
+    preset: options.PresetOption = "draft",
+    data: options.DataOption = None,
+    objects: options.ObjectsOption = None,
+    units: options.UnitsOption = None,
+    up: options.UpOption = None,
+    assignments: options.SetOption = None,
+    seed: options.SeedOption = None,
+    shards: Annotated[int | None, typer.Option(min=1, max=9999, help="Tasks per stage; by default the dataset's shards, or 1.")] = None,
+    cluster: Annotated[
+        str,
+        typer.Option(
+            help="A built-in cluster, or the path of a YAML file: partitions, cores, times.",
+            autocompletion=options.complete_described("cluster"),
+        ),
+    ] = "slurm",
+    dry_run: Annotated[bool, typer.Option(help="Print the scripts, and submit nothing.")] = False,
+) -> None:
+    """Run stages as jobs of a Slurm cluster.
+
+    Each object stage is an array with one task per shard, and each job waits for those whose outputs it reads.
+    """
+    from pipeline.cluster import slurm
+    from pipeline.cluster.slurm_jobs import Submission, load_cluster, plan_jobs, script_of
+
+    named: dict[str, Any] = {"data": data, "objects": objects, "assignments": assignments or (), "seed": seed, "units": units, "up": up}
+    ordered = sorted(stages, key=lambda name: list(STAGES).index(name) if name in STAGES else -1)
+    requests = [make_request(name, manifest, preset, **named) for name in dict.fromkeys(ordered)]
+    where = requests[0].data
+    stated = {"manifest": manifest, "preset": preset, "data": where, "objects": objects, "units": units, "up": up, "seed": seed}
+    arguments = [part for option, value in stated.items() if value is not None for part in (f"--{option}", str(value))]
+    submission = Submission(
+        profile=load_cluster(cluster),
+        arguments=(*arguments, *(part for assignment in assignments or () for part in ("--set", assignment))),
+        shards=DataDirectory(where).check_shard_count(shards),
+        folder=slurm.slurm_folder(where).absolute(),
+        start=Path.cwd(),
+    )
+    jobs = plan_jobs((request.stage, request.settings) for request in requests)
+    if dry_run:
+        for job in jobs:
+            print_lines(f"# {job.name}" + (f", after {', '.join(job.waits_for)}" if job.waits_for else ""))
+            typer.echo(script_of(job, submission))
+        return
+    for submitted in slurm.submit(jobs, submission):
+        print_lines(f"{submitted.name}: job {submitted.number}" + (f", {submitted.tasks} tasks" if submitted.tasks else ""))
+    print_lines(f"`vt-pipeline status {shlex.quote(str(where))}` shows their states; scripts and logs are in {submission.folder}")

@@ -1,42 +1,47 @@
-"""`vt-pipeline tradeoff`: measure the time and the error of settings."""
+"""`vt-pipeline tradeoff`, `advise` and `sweep`: measure settings, choose among them, and train over a grid of them."""
 
 from __future__ import annotations
 
+import os
+import shlex
 import time
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+import yaml
 
+from pipeline.cli import options
 from pipeline.cli.failures import fail
-from pipeline.cli.request import (
-    RUN,
-    DataOption,
-    ManifestOption,
-    ObjectsOption,
-    PresetOption,
-    SetOption,
-    UnitsOption,
-    UpOption,
-)
-from pipeline.console import console, errors, pluralise, print_line, show_tables
-from pipeline.errors import unknown_name
-from stages.registry import DATASET, TRADED, make_request
+from pipeline.cli.options import RUN
+from pipeline.cli.run import complete_stage, print_made
+from pipeline.config.manifest import load_manifest
+from pipeline.config.settings import Settings
+from pipeline.console import Row, Table, console, pluralise, print_lines, print_warning, show_tables
+from pipeline.engine.make import make
+from pipeline.errors import StageError, unknown_name
+from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import as_location, on_disk
+from pipeline.tradeoff import sweep as sweeps
+from stages.registry import DATASET, STAGES, TRADED, assignment, default_place, load_stage, make_request, resolve
 
 if TYPE_CHECKING:  # the commands below import these when they are called: scipy and matplotlib take most of a second
+    from pipeline.tradeoff.advice import Choice, Workload
     from pipeline.tradeoff.measure import Setup
     from pipeline.tradeoff.measured import MeasuredTrade
 
 
 def tradeoff(
     stages: Annotated[list[str] | None, typer.Argument(help=f"Of {', '.join(TRADED)}; by default those that make a dataset.")] = None,
-    manifest: ManifestOption = "toy",
-    preset: PresetOption = "draft",
-    data: DataOption = None,
-    objects: ObjectsOption = None,
-    units: UnitsOption = None,
-    up: UpOption = None,
-    assignments: SetOption = None,
+    manifest: options.ManifestOption = "toy",
+    preset: options.PresetOption = "draft",
+    data: options.DataOption = None,
+    objects: options.ObjectsOption = None,
+    units: options.UnitsOption = None,
+    up: options.UpOption = None,
+    assignments: options.SetOption = None,
     minutes: Annotated[float, typer.Option(min=0.1, help="Time to take; more minutes, more objects.", rich_help_panel=RUN)] = 10,
     until: Annotated[
         str | None, typer.Option(help="evaluate: vary what a dataset is made of, and measure reconstructions.", rich_help_panel=RUN)
@@ -47,7 +52,7 @@ def tradeoff(
     `vt-pipeline advise` chooses by these figures. What is measured under the same code and settings is not measured again.
     """
     from pipeline.tradeoff.end_to_end import measure_end_to_end
-    from pipeline.tradeoff.measure import LONGEST, Setup, measure_trade
+    from pipeline.tradeoff.measure import LONGEST, Setup, forecast, measure_trade, stages_before
 
     stage_names = tuple(stages or DATASET)
     if strange := [name for name in stage_names if name not in TRADED]:
@@ -63,39 +68,29 @@ def tradeoff(
         fail(f"manifest {request.manifest} has no objects; give --objects FOLDER")
     started, seconds = time.monotonic(), 60 * minutes
     setup = Setup(request.data, request.manifest, request.objects, request.seed, preset, tuple(assignments or ()))
+
+    def foreseen(setup: Setup) -> float:
+        """Foresee the seconds of the stages with all their candidates, and of the stages before them once."""
+        before = {name for stage in stage_names for name in stages_before(stage, setup)}
+        inputs = sum(map(setup.seconds, before))
+        return inputs + sum(forecast(stage, setup, LONGEST * seconds)[0] for stage in stage_names)
+
     trades = []
     if until:
         trades.append(measure_end_to_end(setup, seconds, console))
         _show(trades[0], request.data)
     else:
-        setup = setup.affordable(seconds, lambda sample: _foreseen(stage_names, sample, seconds))
-        _announce(stage_names, setup, seconds)
+        setup = setup.affordable(seconds, foreseen)
+        about = f"about {max(foreseen(setup) / 60, 0.1):.1f} min on {pluralise(len(setup.objects))}"
+        print_lines(f"{', '.join(stage_names)}: {about}, less what is measured already")
+        for stage in stage_names:
+            if skipped := forecast(stage, setup, LONGEST * seconds)[1]:
+                print_lines(f"{stage}: skipped, longer than a quarter of the time even on few objects: {'; '.join(skipped)}")
         for name in stage_names:
             trades.append(measure_trade(name, setup, limit=LONGEST * seconds, deadline=started + seconds, console=console))
             _show(trades[-1], request.data)
     if unfinished := [trade.stage for trade in trades if len(trade.points) < trade.total]:
-        errors.print(f"[yellow]time is up[/]: {', '.join(unfinished)}: the same command measures the rest")
-
-
-def _foreseen(stages: tuple[str, ...], setup: Setup, seconds: float) -> float:
-    """Foresee the seconds of stages with all their candidates, and of the stages before them once."""
-    from pipeline.tradeoff.measure import LONGEST, forecast, stages_before
-
-    before = {name for stage in stages for name in stages_before(stage, setup)}
-    inputs = sum(map(setup.seconds, before))
-    return inputs + sum(forecast(stage, setup, LONGEST * seconds)[0] for stage in stages)
-
-
-def _announce(stages: tuple[str, ...], setup: Setup, seconds: float) -> None:
-    from pipeline.tradeoff.measure import LONGEST, forecast
-
-    foreseen = _foreseen(stages, setup, seconds)
-    print_line(
-        f"{', '.join(stages)}: about {max(foreseen / 60, 0.1):.1f} min on {pluralise(len(setup.objects))}, less what is measured already"
-    )
-    for stage in stages:
-        if skipped := forecast(stage, setup, LONGEST * seconds)[1]:
-            print_line(f"{stage}: skipped, longer than a quarter of the time even on few objects: {'; '.join(skipped)}")
+        print_warning("time is up:", f"{', '.join(unfinished)}: the same command measures the rest")
 
 
 def _show(trade: MeasuredTrade, data: Path) -> None:
@@ -106,4 +101,144 @@ def _show(trade: MeasuredTrade, data: Path) -> None:
     show_tables(console, [trade_table(trade)])
     if trade.points:
         draw_trade(trade, path := data / FOLDER / f"{trade.stage}.svg", trade.own())
-        print_line(f"{path}")
+        print_lines(path)
+
+
+def advise(
+    manifest: options.ManifestOption = "toy",
+    preset: options.PresetOption = "draft",
+    data: options.DataOption = None,
+    assignments: options.SetOption = None,
+    within: Annotated[str | None, typer.Option(help="Time for all stages, as 90s, 10min, 3h or 2d.")] = None,
+    error: Annotated[
+        str | None, typer.Option(help="Limit on every error of the kind, as 0.1mm or 5%, or on one stage's: train-gcn=12.")
+    ] = None,
+    objects: Annotated[int | None, typer.Option(min=1, help="How many objects; by default those of the sample.")] = None,
+    cores: Annotated[int | None, typer.Option(min=1, help="How many cores; by default this machine's.")] = None,
+) -> None:
+    """Advise settings for a time or for an error.
+
+    It chooses among what `vt-pipeline tradeoff` measured. With --within: the most accurate within that time; with --error: the fastest
+    within that error.
+    """
+    from pipeline.tradeoff.advice import Workload, parse_duration, parse_limit, within_error, within_time
+    from pipeline.tradeoff.measure import Setup
+
+    if (within is None) == (error is None):
+        fail("give either --within or --error")
+    where = on_disk(as_location(default_place(manifest, None) / preset if data is None else data))
+    if where is None:
+        fail(f"--data {data}: give the folder that `vt-pipeline tradeoff` measured into")
+    limit = None if error is None else parse_limit(error)  # before anything else, so that a mistake in it is reported first
+    seconds = 0.0 if within is None else parse_duration(within)
+    described = load_manifest(manifest)
+    trades = _current(Setup(where, described.name, (), described.seed, preset, tuple(assignments or ())))
+    workload = Workload(objects or len(trades[0].objects), cores or len(os.sched_getaffinity(0)))
+    choices = within_time(trades, workload, seconds) if limit is None else within_error(trades, workload, limit)
+    show_tables(console, [_table(choices, workload)])
+    counts = [len(trade.objects) for trade in trades]
+    measured_on = pluralise(max(counts)) if min(counts) == max(counts) else f"{min(counts)} to {max(counts)} objects"
+    work = f"{pluralise(workload.objects)} on {pluralise(workload.cores, 'core')}"
+    changed = [*(assignments or ()), *(line for choice in choices for line in choice.assignments())]
+    print_lines(
+        f"measured on {measured_on}, {', '.join(sorted({trade.machine for trade in trades}))}",
+        f"{work}: {_duration(sum(choice.seconds for choice in choices))}, and seconds to start each stage, with these settings:",
+        f"  --preset {preset}" + "".join(f" --set {shlex.quote(line)}" for line in changed),
+    )
+
+
+def _current(setup: Setup) -> list[MeasuredTrade]:
+    """Read the trades that were measured with these settings and this code; fail if one that makes a dataset is missing."""
+    from pipeline.tradeoff.measure import stage_key
+    from pipeline.tradeoff.measured import read_trade
+
+    trades = []
+    for stage in TRADED:
+        trade = read_trade(setup.data, stage)
+        if trade is not None and trade.points and trade.key == stage_key(stage, setup):
+            trades.append(trade)
+        elif trade is not None or stage in DATASET:
+            how = "not measured yet" if trade is None else "measured with other settings or other code"
+            changed = "".join(f" --set {shlex.quote(line)}" for line in setup.assignments)
+            command = f"vt-pipeline tradeoff {stage} --data {shlex.quote(str(setup.data))} --preset {setup.preset}{changed}"
+            fail(f"{stage}: {how}; name the --data of `vt-pipeline tradeoff`, or run `{command}`, with your manifest and objects")
+    return trades
+
+
+def _table(choices: list[Choice], workload: Workload) -> Table:
+    rows = []
+    for choice in choices:
+        point, trade = choice.point, choice.trade
+        megabytes = point.kilobytes * (1 if trade.trained else workload.objects) / 1e3
+        unit = f"{trade.unit} {trade.metric}".strip()
+        rows.append(Row([trade.stage, point.label, choice.seconds, megabytes, point.error, choice.bound, unit]))
+    return Table("", ["stage", "settings", "s", "MB", "error", "at most", ""], rows, ["", "", ".3g", ".3g", ".3g", ".3g", ""])
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.1f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
+
+
+def sweep(
+    stage: Annotated[str, typer.Argument(help="A stage that trains.", autocompletion=complete_stage)],
+    grid: Annotated[list[str] | None, typer.Option(help="SETTING=VALUE,VALUE,… to try; without any, the supplement's grid.")] = None,
+    manifest: options.ManifestOption = "toy",
+    preset: options.PresetOption = "draft",
+    data: options.DataOption = None,
+    objects: options.ObjectsOption = None,
+    assignments: options.SetOption = None,
+    seed: options.SeedOption = None,
+    dry_run: Annotated[bool, typer.Option(help="List the points, and do nothing.")] = False,
+) -> None:
+    """Train over a grid of hyperparameters.
+
+    By default the grid is the supplement's (2.2 and 3.4). A sweep that was killed continues when it is run again.
+    """
+    request = make_request(stage, manifest, preset, data=data, objects=objects, assignments=assignments or (), seed=seed)
+    loaded = request.stage
+    if not getattr(loaded, "trains", False):
+        trainings = [name for name in STAGES if getattr(load_stage(name), "trains", False)]
+        fail(f"{stage} trains nothing: sweep over settings of {', '.join(trainings)}")
+    default_grid = loaded.grid(request.settings)
+    if not (grid or default_grid):
+        fail(f"the supplement has no grid for {stage}: name one, --grid learning_rate=1e-3,2e-3")
+
+    def settings_of(point: Mapping[str, Any]) -> Settings:
+        varied = [f"{stage}.{assignment(setting, value)}" for setting, value in point.items()]
+        return resolve(stage, preset, [*(assignments or ()), *varied])
+
+    every_point = sweeps.grid_points(_grid(grid) if grid else default_grid)
+    points = [(point, settings_of(point)) for point in every_point]  # all are valid, or none is run
+    finished, failed = [], 0
+    for point, settings in points:
+        folder = sweeps.point_folder(stage, loaded.writes(settings), point)
+        if dry_run:
+            print_lines(request.data / folder)
+            continue
+        try:
+            make(replace(request, settings=settings, folder=folder), console, report=print_made)
+            finished.append((point, DataDirectory(request.data).folder(folder)))
+        except StageError as error:  # a learning rate that is too high fails this point only
+            failed += 1
+            print_warning("failed", f"{folder}: {error}")
+    if finished:
+        sweeps.show_sweep(finished, console)
+    if failed:
+        fail(f"{pluralise(failed, 'point')} failed, see above")
+
+
+def _grid(grids: list[str]) -> dict[str, list[Any]]:
+    grid = {}
+    for option in grids:
+        setting, separator, values = option.partition("=")
+        if setting in grid or "." in setting:
+            fail(f"--grid {option}: name each setting once, with all its values, and without its stage: SETTING=VALUE,VALUE,…")
+        try:
+            grid[setting] = yaml.safe_load(values if values.startswith("[") else f"[{values}]") if separator else []
+        except (yaml.YAMLError, ValueError, RecursionError):
+            grid[setting] = []
+        if not grid[setting]:
+            fail(f"--grid {option}: write SETTING=VALUE,VALUE,…")
+        if twice := [value for number, value in enumerate(grid[setting]) if value in grid[setting][:number]]:
+            fail(f"--grid {option}: {twice[0]} is named twice; name each value once")
+    return grid

@@ -11,10 +11,10 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from pipeline.cluster.slurm_jobs import Job, Submission, dependency, script_of
 from pipeline.console import pluralise
+from pipeline.entries import Entries
 from pipeline.errors import StageError, StoreError, first_line
 from pipeline.store.atomic import exclusive_lock, write_atomically
 from pipeline.store.directory import DataDirectory
-from pipeline.store.record import Stored
 from pipeline.store.storage import Location, on_disk, read_bytes
 
 State = Literal["pending", "running", "done", "failed", "unknown"]
@@ -25,7 +25,7 @@ SECONDS = 60
 """Time limit for an answer of Slurm, which may be under load."""
 
 
-class SubmittedJob(Stored):
+class SubmittedJob(Entries):
     """A submitted job: its number, and how many tasks it has; None if it is no array."""
 
     stage: str

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
 
 from pipeline.config.settings import Settings
 from pipeline.engine.stage import Stage
+from pipeline.entries import Entries
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path, invalid_entries, read_description
 
@@ -34,10 +35,8 @@ Word = Annotated[Line, Field(pattern=r"^[^\s,]+$")]
 Number = Annotated[int, Field(ge=1, le=10**6)]
 
 
-class Allocation(BaseModel):
+class Allocation(Entries):
     """The resources of one task: a partition, cores, memory and time, as `sbatch` takes them."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     partition: Word
     cores: Number
@@ -51,10 +50,8 @@ class GpuAllocation(Allocation):
     gpus: Number | Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+:[1-9][0-9]*$")] = 1
 
 
-class ClusterProfile(BaseModel):
+class ClusterProfile(Entries):
     """Describe a Slurm cluster."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: Line
     summary: str = ""

@@ -9,13 +9,14 @@ from itertools import count, pairwise
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainValidator, SerializeAsAny, model_validator
+from pydantic import AfterValidator, Field, PlainValidator, SerializeAsAny, model_validator
 
 from pipeline import plugins
 from pipeline.config.folder_sources import Catalogue, Directory, FolderSource, ShapeNet
 from pipeline.config.sources import MeshSource, ModelledSource, Pybullet, Source
 from pipeline.config.sources import Object as Object
 from pipeline.console import CONTROLS
+from pipeline.entries import Entries
 from pipeline.errors import InvalidInput, unknown_name
 from pipeline.formats.description_file import description_path, read_description, shipped_files
 from pipeline.formats.file_content import expanded
@@ -27,10 +28,8 @@ OBJECT_ID = re.compile(r"(?!\.|zarr\.json$)[A-Za-z0-9._-]{1,120}")
 """What names an object: it also names files and Zarr groups, where `zarr.json` is taken."""
 
 
-class Splits(BaseModel):
+class Splits(Entries):
     """How many objects go to each split: shares that sum to 1, or counts that sum to the number of objects."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     train: float = Field(ge=0, description="For learning.")
     valid: float = Field(ge=0, description="To choose the best epoch by.")
@@ -78,10 +77,8 @@ def _of_its_kind(entries: object) -> Source:
     return source_type.model_validate(entries)
 
 
-class Manifest(BaseModel):
+class Manifest(Entries):
     """A dataset's objects, as its YAML file states them."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: Annotated[str, AfterValidator(without_controls)] = Field(description="Of the dataset, recorded in it.")
     description: str = Field(description="For readers: which objects these are.")

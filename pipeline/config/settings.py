@@ -11,15 +11,15 @@ from importlib import import_module, resources
 from typing import Any, ClassVar, Literal
 
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, Field
+
+from pipeline.entries import Entries
 
 Change = Literal["definition", "results", "speed"]
 
 
-class Settings(BaseModel):
-    """Frozen settings; an unknown name is an error. Those of a stage derive from it, each field made by `setting`."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+class Settings(Entries):
+    """Settings. Those of a stage derive from it, each field made by `setting`."""
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     """Values of a plugin's stage, by preset; those of other stages are in `pipeline/assets/presets.yaml`."""

@@ -10,10 +10,11 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from pipeline import plugins
 from pipeline.console import CONTROLS
+from pipeline.entries import Entries
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import refuse_pointer
 from pipeline.formats.file_units import GREATEST_UNIT, LEAST_UNIT, stated_units
@@ -37,10 +38,8 @@ class Object:
     split: str = ""  # that the manifest draws
 
 
-class Source(BaseModel):
+class Source(Entries):
     """What every source states: the licence of its meshes, and a checksum where its files are known beforehand."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     kind: str = Field(description="Which kind of source it is, of those below or of a package that declares it.")
     licence: str = Field(min_length=1, description="Of the meshes; recorded with every object.")
@@ -143,10 +142,8 @@ def identity(source: Mapping[str, Any]) -> str:
     return file_checksum(Path(source["file"])) if "file" in source else modelled(source).identity(source)
 
 
-class PybulletFile(BaseModel):
+class PybulletFile(Entries):
     """One mesh of the pybullet wheel."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     file: str = Field(description="Its path in `pybullet_data`.")
     up: Literal["x", "y", "z"] | None = Field(None, description="Axis of the file that points up; by default the source's.")

@@ -6,17 +6,18 @@ from typing import TypeVar
 
 from pydantic import Field, FiniteFloat, ValidationError
 
+from pipeline.entries import Entries
 from pipeline.errors import StoreError, first_line
 from pipeline.store.directory import changed_files
-from pipeline.store.record import Name, RelativePath, Sha256, Stored
+from pipeline.store.record import Name, RelativePath, Sha256
 from pipeline.store.storage import Location, exists, list_folder, read_bytes
 
 WRITTEN, REMEDY = "pages.json", "run `vt-pipeline report` again"
 
-Written = TypeVar("Written", bound=Stored)
+Written = TypeVar("Written", bound=Entries)
 
 
-class WrittenFiles(Stored):
+class WrittenFiles(Entries):
     """Files that were written under a key."""
 
     key: Sha256  # hash of all that the files show
@@ -36,7 +37,7 @@ class ObjectCard(WrittenFiles):
     areas: tuple[FiniteFloat, ...]  # of its contacts, m²
 
 
-class Pages(Stored):
+class Pages(Entries):
     """The files of a report: those of each object's page, and the others."""
 
     objects: dict[Name, ObjectCard] = Field(default={})

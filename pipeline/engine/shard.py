@@ -99,6 +99,8 @@ class ShardPlan(ShardUnits):
             if result := self._reuse(unit):
                 self._check_strictness(result)
                 results[unit.name] = result
+        published = self.output.shard.position if self.output.shard else {}
+        copied = sum(result.failure is None for name, result in results.items() if name not in published) if self.request.reuse else 0
         pending = [unit for unit in self.requested_units() if unit.name not in results]
         began, made = time.perf_counter(), 0
         for result in self._process(pending, console):
@@ -116,7 +118,8 @@ class ShardPlan(ShardUnits):
             end = f"; {pluralise(len(self.missing))} of {self.total} not made yet" if self.missing else ""
             notes = tuple(self.stage.describe_shard(self.settings, self.output.shard)) if self.output.shard else ()
         failures = {name: result.failure for name, result in results.items()}
-        return self._answer(f"made {pluralise(made)} in {seconds:.1f} s", failures, end, objects=made, seconds=seconds, notes=notes)
+        text = (f"reused {pluralise(copied, 'row')}, " if copied else "") + f"made {pluralise(made)} in {seconds:.1f} s"
+        return self._answer(text, failures, end, objects=made, seconds=seconds, notes=notes)
 
     def _loses_rows(self, results: Mapping[str, Result]) -> bool:
         """Check whether readers would lose a published row if these results were published."""

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Annotated, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from pipeline.entries import Entries
 from pipeline.errors import InvalidInput, missing_name
 from pipeline.formats.description_file import description_path, read_description, shipped_files
 from pipeline.formats.file_content import expanded
@@ -31,11 +32,7 @@ MAX_SKEW = 1e-2
 """Cosine of the angle between a sensor's normal and columns from which it is no rounding: directions of three digits are read."""
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class _SensorMount(_Entry):
+class _SensorMount(Entries):
     """The mount of a sensor: fixed to the rigid surface of a link, its gel in front. All in the link's frame."""
 
     link: str = Field(description="Link of the URDF; one that the finger's joints move.")
@@ -46,7 +43,7 @@ class _SensorMount(_Entry):
     name: Label | None = Field(None, description="Labels its images; by default the finger's name, numbered where it has several.")
 
 
-class _FingerEntry(_Entry):
+class _FingerEntry(Entries):
     """A finger: joints that move it, and its sensors. Fingers whose joints follow one motor move together."""
 
     name: Label = Field(description="Name of the finger in messages, and of its sensor.")
@@ -62,7 +59,7 @@ class _FingerEntry(_Entry):
         return [*([self.sensor] if self.sensor else []), *self.sensors]
 
 
-class _PalmEntry(_Entry):
+class _PalmEntry(Entries):
     """The palm; points and directions are in its link's frame."""
 
     link: str = Field(description="Link of the URDF that the fingers grow from; an arm or a floating base above it is ignored.")
@@ -73,7 +70,7 @@ class _PalmEntry(_Entry):
     sensors: list[_SensorMount] = Field([], description="Sensors on links that no finger moves.")
 
 
-class HandFile(_Entry):
+class HandFile(Entries):
     """A robot hand: a URDF, and what it does not state. Lengths are metres."""
 
     name: str = Field(description="Name of the hand, recorded in grasps.")

@@ -11,9 +11,10 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, SerializeAsAny, create_model, model_validator
+from pydantic import Field, SerializeAsAny, create_model, model_validator
 from torch import nn
 
+from pipeline.entries import Entries
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.geometry.closed_surface import RESOLUTION, closed_surface
@@ -49,10 +50,8 @@ class Reconstruction:
         return len(self.position) == len(np.unique(self.position))
 
 
-class Trained(BaseModel):
+class Trained(Entries):
     """Describe a trained network: written by its training as `model.json`, read by whatever applies it."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     configuration: str  # the network's name
     network: SerializeAsAny[NetworkInputs]  # inputs and sizes, of the family's type

@@ -4,9 +4,10 @@ from pathlib import Path
 from typing import Annotated
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 import pipeline
+from pipeline.entries import Entries
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.formats.file_content import read_file
@@ -25,18 +26,14 @@ MAX_BYTES = 2**16
 """Largest size of a card."""
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class TrainedOn(_Entry):
+class TrainedOn(Entries):
     """One source of the objects that a network learned from."""
 
     source: str
     licence: str
 
 
-class Error(_Entry):
+class Error(Entries):
     """Chamfer distances × 9000 with one grasp over the test objects of a class, in objects of 0.5 m."""
 
     objects: int = Field(ge=1)
@@ -44,7 +41,7 @@ class Error(_Entry):
     median: float = Field(ge=0)
 
 
-class SensorError(_Entry):
+class SensorError(Entries):
     """Mean errors of the depth that a network reads in images of balls.
 
     Of the shape alone where the depth of a ball is not known.
@@ -57,7 +54,7 @@ class SensorError(_Entry):
     contact_iou: float = Field(ge=0, le=1)  # intersection over union with the ball's contact
 
 
-class SensorCard(_Entry):
+class SensorCard(Entries):
     """The card of a pretrained network that reads a sensor's photographs."""
 
     sensor: str  # name of the built-in sensor
@@ -70,7 +67,7 @@ class SensorCard(_Entry):
     not_for: str  # uses that it is not meant for
 
 
-class ModelCard(_Entry):
+class ModelCard(Entries):
     """The card of a pretrained network."""
 
     network: str  # its configuration

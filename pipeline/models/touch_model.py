@@ -9,10 +9,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from PIL import Image
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 from torch import Tensor, nn
 from torch.nn.functional import interpolate
 
+from pipeline.entries import Entries
 from pipeline.errors import InvalidInput
 from pipeline.formats.image_file import read_image
 from pipeline.kernels.networks.local_network import LocalNetwork, pixel_positions, without_drift
@@ -31,9 +32,7 @@ MAY_DIFFER = {name: True for name in ("rows", "cols", "range", "membrane", "gel"
 """Entries that may differ from a local network's sensor: pixels, range, background and noise, and how soft the gel is."""
 
 
-class _Description(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
+class _Description(Entries):
     network: Literal["unet", "local"] = "unet"
     width: int = Field(ge=1, le=2**12)
     mask_threshold: float | None = Field(default=None, ge=0, le=COLOURS)

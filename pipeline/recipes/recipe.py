@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, ValidationError
+from pydantic import AfterValidator, Field, JsonValue, ValidationError
 
 from pipeline.config.folder_sources import FolderSource, ShapeNet
 from pipeline.config.manifest import OBJECT_ID, Manifest
 from pipeline.config.sources import Pybullet
 from pipeline.console import CONTROLS
+from pipeline.entries import Entries
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, parse_yaml
 from pipeline.formats.file_content import read_text
@@ -41,10 +42,8 @@ OBJECTS = "\nobjects: |\n"
 _LINE = re.compile(rf"({OBJECT_ID.pattern}) ([0-9a-f]{{64}}(?:\+[0-9a-f]{{16}})?|~[0-9a-f]{{16}})((?: [0-9a-f]{{16}}(?:[0-9a-f]{{48}})?)+)")
 
 
-class StageRecipe(BaseModel):
+class StageRecipe(Entries):
     """The output of a stage, and the settings, code and files that made it."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     # those that results depend on; a hand, sensor or scene that does not come with a package is the name of a file
     settings: dict[Name, JsonValue]
@@ -110,10 +109,8 @@ _Dumper.add_representer(
 )
 
 
-class Recipe(BaseModel):
+class Recipe(Entries):
     """Everything that is needed to make a dataset again."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     recipe: Literal[1] = 1  # the format's version
     # the objects; a folder of meshes has no path here, or the name of its folder where there are several
@@ -126,16 +123,12 @@ class Recipe(BaseModel):
     versions: dict[Name, Annotated[str, Field(pattern=r"^[A-Za-z0-9.+!_-]{1,60}(, [A-Za-z0-9.+!_-]{1,60})*$")]]
     processors: tuple[Annotated[Text, Field(max_length=2000)], ...] = ()  # the kinds that computed rows
     # hand, sensor and scene files that come with no package, and small files that they name, by paths in one folder
-    texts: Annotated[
-        dict[Annotated[str, AfterValidator(_check_text_name)], str], Field(max_length=MAX_TEXTS, exclude_if=lambda value: not value)
-    ] = {}
+    texts: dict[Annotated[str, AfterValidator(_check_text_name)], str] = Field({}, max_length=MAX_TEXTS, exclude_if=lambda value: not value)
     # SHA-256 of the others that these name: meshes, pictures
-    files: Annotated[
-        dict[Annotated[str, AfterValidator(check_file_name)], Sha256], Field(max_length=10_000, exclude_if=lambda value: not value)
-    ] = {}
+    files: dict[Annotated[str, AfterValidator(check_file_name)], Sha256] = Field({}, max_length=10_000, exclude_if=lambda value: not value)
     # where these can be downloaded
     files_url: Annotated[str | None, Field(pattern="^https?://[!-~]{1,1000}$", exclude_if=lambda value: value is None)] = None
-    checksums: dict[Name, Sha256] = {}  # hash of every other entry; each stage counts as one
+    checksums: dict[Name, Sha256] = Field(default={})  # hash of every other entry; each stage counts as one
     objects: str  # a line per object, in order of their ids: its id, source and rows (`rows`)
 
     @cached_property

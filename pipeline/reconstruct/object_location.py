@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
-from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.view_transfer import camera_direction, moved_projection, optical_centre, split_projection
 from pipeline.models.reconstruction import Trained
@@ -50,15 +49,16 @@ def find_object(observation: RobotObservation, target: Target | None) -> ObjectB
     the middle of the box around the gels; there must be two that count.
     """
     stated, unit = observation.object, observation.metres_per_unit
+    centre = None if stated.centre is None else np.array(stated.centre) * unit
     diagonal = None if stated.diagonal is None else stated.diagonal * unit
-    if stated.centre is not None and diagonal is not None:
-        return ObjectBox(np.array(stated.centre) * unit, diagonal, "as stated")
-    visible = _visible_box(observation, target)
-    if stated.centre is not None:
-        return ObjectBox(np.array(stated.centre) * unit, visible[1] if visible else None, "as stated")
+    visible = None if centre is not None and diagonal is not None else _visible_box(observation, target)
     if visible is not None:
-        return ObjectBox(visible[0], diagonal or visible[1], BY_DEPTH)
-    gels = gel_centres(observation)[observation.shown_touches]
+        diagonal = diagonal or visible[1]
+    if centre is not None:
+        return ObjectBox(centre, diagonal, "as stated")
+    if visible is not None:
+        return ObjectBox(visible[0], diagonal, BY_DEPTH)
+    gels = observation.gel_centres[observation.shown_touches]
     if len(gels) < 2:
         return None
     axes = network_axes(observation, target, np.mean(gels, axis=0))
@@ -73,30 +73,24 @@ def _visible_box(observation: RobotObservation, target: Target | None) -> tuple[
     along its thinnest axis. For a ball, its middle is a quarter of the radius from the true one; `python -m benchmarks.observed_sizes`
     measures it for others.
     """
-    camera, matrix = observation.camera, observation.projection
-    if camera is None or matrix is None or camera.metres is None or camera.mask is None:
+    view = observation.view
+    if view is None or view.camera.metres is None or view.camera.measured is None:
         return None
-    measured, sides = camera.object_pixels & ~np.isnan(camera.metres), [OUTLIERS, 100 - OUTLIERS]
+    metres, measured, sides = view.camera.metres, view.camera.measured, [OUTLIERS, 100 - OUTLIERS]
     if (inner := binary_erosion(measured)).sum() >= FEW:  # at the rim cameras mix depths with those behind
-        near, far = np.percentile(camera.metres[inner], sides)
-        measured &= np.abs(camera.metres - (near + far) / 2) <= 1.5 * (far - near)
+        near, far = np.percentile(metres[inner], sides)
+        measured = measured & (np.abs(metres - (near + far) / 2) <= 1.5 * (far - near))
     if measured.sum() < FEW:
         return None
     row, col = np.nonzero(measured)
-    k, depth = camera.intrinsics, camera.metres[measured]
+    k, depth = view.camera.intrinsics, metres[measured]
     seen = np.column_stack([(col + 0.5 - k.cx) / k.fx * depth, (row + 0.5 - k.cy) / k.fy * depth, depth])  # camera frame, as OpenCV's
-    rotation, thinnest = split_projection(matrix)[1], np.linalg.eigh(np.cov(seen.T))[1][:, 0]
-    points, behind = optical_centre(matrix) + seen @ rotation, rotation[2] * float(np.ptp(np.percentile(seen @ thinnest, sides)))
+    rotation, thinnest = split_projection(view.matrix)[1], np.linalg.eigh(np.cov(seen.T))[1][:, 0]
+    points, behind = optical_centre(view.matrix) + seen @ rotation, rotation[2] * float(np.ptp(np.percentile(seen @ thinnest, sides)))
     axes = network_axes(observation, target, points.mean(axis=0))
     low, high = np.percentile(points @ axes.T, sides, axis=0)
     low, high = np.minimum(low, low + axes @ behind), np.maximum(high, high + axes @ behind)
     return (low + high) / 2 @ axes, float(np.linalg.norm(high - low))
-
-
-def gel_centres(observation: RobotObservation) -> NDArray[np.float64]:  # (T, 3) m
-    """Compute the middles of the gels' fronts."""
-    thickness = observation.sensor.w if observation.sensor else 0.0
-    return transform_points(observation.sensor_poses, np.array([[0.0, 0.0, thickness]]))[:, 0]
 
 
 def network_axes(
@@ -110,11 +104,11 @@ def network_axes(
     of the two cameras, or without a network, the observation keeps its own axes but for up.
     """
     upright = turn_to_z(np.array(observation.up))
-    if observation.projection is None or target is None or target.projection is None:
+    if observation.view is None or target is None or target.projection is None:
         return upright
     motion = np.eye(4)
     motion[:3, :3], motion[:3, 3] = upright, -upright @ point
-    azimuth = camera_direction(moved_projection(observation.projection, motion), np.zeros(3)).azimuth
+    azimuth = camera_direction(moved_projection(observation.view.matrix, motion), np.zeros(3)).azimuth
     angle = camera_direction(target.projection, np.array(target.network.centre)).azimuth - azimuth
     cosine, sine = np.cos(angle), np.sin(angle)
     return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]]) @ upright

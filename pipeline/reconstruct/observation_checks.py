@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.console import pluralise
 from pipeline.errors import InvalidInput
@@ -14,10 +13,9 @@ from pipeline.formats.description_file import entries_of
 from pipeline.kernels.geometry.transforms import invert_pose
 from pipeline.kernels.networks.network_configurations import ImageKind, NetworkInputs
 from pipeline.kernels.touch.photograph_faults import photograph_faults, untouched_faults
-from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import optical_centre
-from pipeline.reconstruct.object_location import BY_DEPTH, FEW, ObjectBox, Target, find_object, gel_centres
-from pipeline.reconstruct.observation_file import RobotObservation, read_observation
+from pipeline.reconstruct.object_location import BY_DEPTH, FEW, ObjectBox, Target, find_object
+from pipeline.reconstruct.observation_file import RobotObservation, View, read_observation
 
 FARTHEST, NEAREST = 10.0, 0.01
 """m: largest coordinate of a pose, and least distance of a camera from the object's centre."""
@@ -61,8 +59,8 @@ def check(source: Path | RobotObservation, target: Target | None = None) -> Chec
         if read is None:
             raise InvalidInput(f"{name}: {invalid_text}. {entries_of(RobotObservation)}")
         observation = read
-    box, faults = _locate(observation, target)
-    lines = [fault.text for fault in (*_altered_photographs(observation), *faults) if invalid.isdisjoint(fault.without)]
+    box, faults = _examine(observation, target)
+    lines = [fault.text for fault in faults if invalid.isdisjoint(fault.without)]
     if invalid_text:
         raise InvalidInput(f"{name}: {'; '.join([invalid_text, *lines])}. {entries_of(RobotObservation)}")
     if lines:
@@ -83,30 +81,18 @@ def used_inputs(network: NetworkInputs, observation: RobotObservation) -> Networ
     return network.restricted_to(NetworkInputs(image=image, touch=observation.is_felt))
 
 
-def _locate(observation: RobotObservation, target: Target | None) -> tuple[ObjectBox | None, list[Fault]]:
-    """Find the object; list the faults of the geometry, and of giving the observation to a network."""
+def _examine(observation: RobotObservation, target: Target | None) -> tuple[ObjectBox | None, list[Fault]]:
+    """Find the object; list the faults of the photographs and the geometry, and of giving the observation to a network."""
+    faults = list(_altered_photographs(observation))
     if target is not None and target.network.image == "any" and observation.camera is None and not observation.is_felt:
         text = f"model {target.configuration} needs a photograph or touches: add the entry camera or touches"
-        return None, [Fault(text, ("camera", "touches"))]
-    unsuited = [] if target is None else list(_unsuited_inputs(observation, target))
+        return None, [*faults, Fault(text, ("camera", "touches"))]
+    if target is not None:
+        faults += _unsuited_inputs(observation, target)
     if distant := list(_distant_positions(observation)):
-        return None, [*distant, *unsuited]
+        return None, [*faults, *distant]
     box = find_object(observation, target)
-    if box is None:
-        text = f"object.centre is missing, and cannot be estimated: {_why_not_located(observation)}"
-        return None, [*unsuited, Fault(text, ("object", "camera", "touches"))]
-    return box, [*unsuited, *map(Fault, _misplaced(observation, box, target))]
-
-
-def _why_not_located(observation: RobotObservation) -> str:
-    """Say why the object cannot be located, and what would locate it."""
-    camera = observation.camera
-    if camera is not None and camera.metres is not None and camera.mask is not None:
-        measured = int((camera.object_pixels & ~np.isnan(camera.metres)).sum())
-        seen = f"camera.depth is measured at only {pluralise(measured, 'pixel')} of camera.mask"
-        few = f"{seen}, {FEW} are needed: register it to the photograph, and check the masks"
-        return f"{few if 0 < measured < FEW else UNMEASURED}, or state it, or give two touches"
-    return "state it, or give a depth image with a mask, or two touches"
+    return box, faults + list(_not_located(observation) if box is None else _misplaced(observation, box, target))
 
 
 def _altered_photographs(observation: RobotObservation) -> Iterator[Fault]:
@@ -120,32 +106,17 @@ def _altered_photographs(observation: RobotObservation) -> Iterator[Fault]:
         yield Fault(f"{'; '.join(texts)}; if these photographs are right as they are, add accept_photographs: true")
 
 
-def _distant_positions(observation: RobotObservation) -> Iterator[Fault]:
-    """Yield positions that are too far away, perhaps in another unit."""
-    positions: list[tuple[str, Any]] = [("object.centre", observation.object.centre), ("object.diagonal", observation.object.diagonal)]
-    positions += [("camera.pose", observation.camera.pose.array[:3, 3])] if observation.camera else []
-    positions += [(f"{observation.name_of(n)} pose", touch.pose.array[:3, 3]) for n, touch in enumerate(observation.touches)]
-    for name, position in positions:
-        if position is not None and (distance := np.abs(position).max()) * observation.metres_per_unit > FARTHEST:
-            remedy = "write unit: mm if all lengths are in millimetres" if observation.unit == "m" else "check the unit"
-            away, frame = ("", "") if name == "object.diagonal" else (" away", ", and take a frame near the object")
-            yield Fault(f"{name} is {distance:g} {observation.unit}{away} (at most {FARTHEST:g} m): {remedy}{frame}")
-
-
 def _unsuited_inputs(observation: RobotObservation, target: Target) -> Iterator[Fault]:
     """Yield inputs that the network needs and that are missing or unsuitable."""
-    name, inputs = target.configuration, used_inputs(target.network, observation)
+    model, inputs = f"model {target.configuration}", used_inputs(target.network, observation)
     if inputs.image == "rendering":
-        text = f"model {name} was trained on renderings from many sides, not on a camera's images: name --data, an object and a --view"
-        yield Fault(text)
+        yield Fault(f"{model} was trained on renderings from many sides, not on a camera's images: name --data, an object and a --view")
     elif inputs.image is not None and observation.camera is None:
-        yield Fault(f"model {name} needs a photograph: add the entry camera", ("camera",))
-    if not inputs.touch:
-        return
-    if not observation.touches and not observation.is_felt:  # touches may all be stated to be none
-        yield Fault(f"model {name} needs touches: add the entry touches", ("touches",))
+        yield Fault(f"{model} needs a photograph: add the entry camera", ("camera",))
+    if inputs.touch and not observation.touches and not observation.is_felt:  # touches may all be stated to be none
+        yield Fault(f"{model} needs touches: add the entry touches", ("touches",))
     ours, theirs = target.sensor, observation.sensor
-    if not observation.touches or ours is None or theirs is None:
+    if not inputs.touch or not observation.touches or ours is None or theirs is None:
         return
     sizes = [(sensor.width, sensor.height, sensor.w) for sensor in (theirs, ours)]
     if not np.allclose(sizes[0], sizes[1], rtol=SIZE_TOLERANCE, atol=0):
@@ -160,15 +131,38 @@ def _unsuited_inputs(observation: RobotObservation, target: Target) -> Iterator[
         yield Fault(f"tactile images have {size}: crop them to the gel")
 
 
-def _misplaced(observation: RobotObservation, box: ObjectBox, target: Target | None) -> Iterator[str]:
+def _distant_positions(observation: RobotObservation) -> Iterator[Fault]:
+    """Yield positions that are too far away, perhaps in another unit."""
+    positions: list[tuple[str, Any]] = [("object.centre", observation.object.centre), ("object.diagonal", observation.object.diagonal)]
+    positions += [("camera.pose", observation.camera.pose.array[:3, 3])] if observation.camera else []
+    positions += [(f"{observation.name_of(n)} pose", touch.pose.array[:3, 3]) for n, touch in enumerate(observation.touches)]
+    for name, position in positions:
+        if position is not None and (distance := np.abs(position).max()) * observation.metres_per_unit > FARTHEST:
+            remedy = "write unit: mm if all lengths are in millimetres" if observation.unit == "m" else "check the unit"
+            away, frame = ("", "") if name == "object.diagonal" else (" away", ", and take a frame near the object")
+            yield Fault(f"{name} is {distance:g} {observation.unit}{away} (at most {FARTHEST:g} m): {remedy}{frame}")
+
+
+def _not_located(observation: RobotObservation) -> Iterator[Fault]:
+    """Say why the object cannot be located, and what would locate it."""
+    remedy = "state it, or give a depth image with a mask, or two touches"
+    if observation.camera is not None and observation.camera.measured is not None:
+        count = int(observation.camera.measured.sum())
+        few = f"camera.depth is measured at only {pluralise(count, 'pixel')} of camera.mask, {FEW} are needed"
+        unmeasured = f"{few}: register it to the photograph, and check the masks" if 0 < count < FEW else UNMEASURED
+        remedy = f"{unmeasured}, or state it, or give two touches"
+    yield Fault(f"object.centre is missing, and cannot be estimated: {remedy}", ("object", "camera", "touches"))
+
+
+def _misplaced(observation: RobotObservation, box: ObjectBox, target: Target | None) -> Iterator[Fault]:
     """Yield cameras and touches that do not fit the object's location."""
-    if observation.camera is not None and observation.projection is not None:
-        if (distance := float(np.linalg.norm(optical_centre(observation.projection) - box.centre))) < NEAREST:
-            yield f"the camera is {1e3 * distance:.3g} mm from the object's centre; check unit, camera.pose and object.centre"
-        elif not _sees(observation, box):
-            yield _unseen(observation, box)
-        elif (problem := _wrong_depth(observation, observation.projection, box)) is not None:
-            yield problem
+    if (view := observation.view) is not None:
+        if (distance := float(np.linalg.norm(optical_centre(view.matrix) - box.centre))) < NEAREST:
+            yield Fault(f"the camera is {1e3 * distance:.3g} mm from the object's centre; check unit, camera.pose and object.centre")
+        elif not view.shows(box.centre):
+            yield _unseen(observation, view, box)
+        else:
+            yield from _wrong_depth(view, box)
     if observation.object.diagonal is not None and box.diagonal is not None:
         limit, reason = box.diagonal / 2, f"the object's diagonal is {box.diagonal:.3g} m"
     elif box.diagonal is not None:  # an estimate: behind a flat face it sees nothing
@@ -179,53 +173,43 @@ def _misplaced(observation: RobotObservation, box: ObjectBox, target: Target | N
     else:
         return
     margin = 0.0 if (sensor := observation.sensor) is None else float(np.hypot(sensor.width, sensor.height)) / 2 + sensor.w
-    for number, distance in enumerate(np.linalg.norm(gel_centres(observation) - box.centre, axis=1)):
+    for number, distance in enumerate(np.linalg.norm(observation.gel_centres - box.centre, axis=1)):
         if observation.shown_touches[number] and distance > limit + margin:
-            yield (
-                f"{observation.name_of(number)} is {distance:.3g} m from the object's centre ({box.source}), but {reason}: check its pose"
-                f"{' and camera.depth_scale' if box.source == BY_DEPTH else ''}, or write touched: false"
-            )
+            where = f"{distance:.3g} m from the object's centre ({box.source}), but {reason}"
+            scale = " and camera.depth_scale" if box.source == BY_DEPTH else ""
+            yield Fault(f"{observation.name_of(number)} is {where}: check its pose{scale}, or write touched: false")
 
 
-def _wrong_depth(observation: RobotObservation, matrix: NDArray[np.float64], box: ObjectBox) -> str | None:
-    """Describe a depth image that does not show the object at its location; None if it does, or if there is none."""
-    camera = observation.camera
-    if camera is None or camera.metres is None or camera.mask is None:
-        return None
-    measured = camera.metres[camera.object_pixels & ~np.isnan(camera.metres)]
+def _wrong_depth(view: View, box: ObjectBox) -> Iterator[Fault]:
+    """Yield a depth image that does not show the object at its location."""
+    if view.camera.metres is None or view.camera.measured is None:
+        return
+    measured = view.camera.metres[view.camera.measured]
     if not len(measured):
-        return UNMEASURED
-    depth, distance = float(np.median(measured)), float(matrix[2] @ np.append(box.centre, 1.0))  # both along the viewing direction
+        yield Fault(UNMEASURED)
+        return
+    depth, distance = float(np.median(measured)), float(view.matrix[2] @ np.append(box.centre, 1.0))  # both along the viewing direction
     if depth > FARTHEST:
-        return f"camera.depth shows the object {depth:.3g} m away (at most {FARTHEST:g} m): check camera.depth_scale; floats are metres"
-    if abs(depth - distance) <= (FARTHEST if box.diagonal is None else box.diagonal):
-        return None
-    return (
-        f"camera.depth shows the object {depth:.3g} m from the camera, but its centre is {distance:.3g} m away ({box.source}): check "
-        "camera.depth_scale, camera.mask, camera.pose, unit, object.centre and object.diagonal"
-    )
+        text = f"camera.depth shows the object {depth:.3g} m away (at most {FARTHEST:g} m)"
+        yield Fault(f"{text}: check camera.depth_scale; floats are metres")
+    elif abs(depth - distance) > (FARTHEST if box.diagonal is None else box.diagonal):
+        yield Fault(
+            f"camera.depth shows the object {depth:.3g} m from the camera, but its centre is {distance:.3g} m away ({box.source}): check "
+            "camera.depth_scale, camera.mask, camera.pose, unit, object.centre and object.diagonal"
+        )
 
 
-def _sees(observation: RobotObservation, box: ObjectBox) -> bool:
-    assert observation.camera is not None
-    assert observation.projection is not None
-    rows, cols = observation.camera.image.shape[:2]
-    pixel = project_points(observation.projection, box.centre)
-    return bool(((pixel >= 0) & (pixel < [cols, rows])).all())  # NaN behind the camera is not
-
-
-def _unseen(observation: RobotObservation, box: ObjectBox) -> str:
+def _unseen(observation: RobotObservation, view: View, box: ObjectBox) -> Fault:
     """Say that the camera does not see the object, and which other reading of its pose would."""
-    camera = observation.camera
-    assert camera is not None
-    other = "opengl" if camera.convention == "opencv" else "opencv"
-    inverse = invert_pose(camera.pose.array)
-    readings: list[tuple[dict[str, Any], str]] = [
-        ({"convention": other}, f"with convention: {other} it would"),
-        ({"pose": inverse}, "with the inverse pose it would: give camera to frame, not frame to camera"),
-        ({"convention": other, "pose": inverse}, f"with the inverse pose and convention: {other} it would"),
-    ]
-    hints = (words for changes, words in readings if _sees(observation.changed(camera=camera.changed(**changes)), box))
+    camera = view.camera
+    other, inverse = "opengl" if camera.convention == "opencv" else "opencv", invert_pose(camera.pose.array)
+    readings: dict[str, dict[str, Any]] = {
+        f"with convention: {other} it would": {"convention": other},
+        "with the inverse pose it would: give camera to frame, not frame to camera": {"pose": inverse},
+        f"with the inverse pose and convention: {other} it would": {"convention": other, "pose": inverse},
+    }
+    others = ((hint, observation.changed(camera=camera.changed(**changes)).view) for hint, changes in readings.items())
+    hints = (hint for hint, read in others if read is not None and read.shows(box.centre))
     hint = next(hints, "check camera.pose, convention, intrinsics and object.centre")
     centre = ", ".join(f"{value / observation.metres_per_unit:.4g}" for value in box.centre)
-    return f"the camera does not see the object's centre, [{centre}] {observation.unit} ({box.source}): {hint}"
+    return Fault(f"the camera does not see the object's centre, [{centre}] {observation.unit} ({box.source}): {hint}")

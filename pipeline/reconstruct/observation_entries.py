@@ -7,9 +7,10 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema, model_validator
 from scipy.spatial.transform import Rotation
 
+from pipeline.entries import Entries
 from pipeline.formats.description_file import shipped_files
 from pipeline.formats.image_file import read_depth, read_image, read_mask
 from pipeline.formats.sensor_file import load_sensor
@@ -25,10 +26,10 @@ Vector = tuple[float, float, float]
 Row = tuple[float, float, float, float]
 
 
-class Entries(BaseModel):
+class ObservationEntries(Entries):
     """Entries of an observation file."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
+    model_config = ConfigDict(arbitrary_types_allowed=True)
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
         for name in type(self).model_fields:
@@ -40,36 +41,33 @@ class Entries(BaseModel):
         return type(self).model_validate({name: getattr(self, name) for name in type(self).model_fields} | changes)
 
 
-def _read(reader: Callable[[Path], Any], array_type: str) -> BeforeValidator:
-    """Read a file that is named relative to the observation file; take an array as it is."""
+def _from_file(reader: Callable[[Path, str | Path], Any], kind: type, expected: str) -> BeforeValidator:
+    """Read a file that is named relative to the observation file; take what it would give as it is."""
 
     def validate(value: Any, info: ValidationInfo) -> Any:
         if isinstance(value, str | Path):
-            return reader(_folder(info) / value)
-        if isinstance(value, np.ndarray) or value is None:
+            return reader((info.context or {}).get("folder", Path()), value)
+        if isinstance(value, kind):
             return value
-        raise ValueError(f"it must be the name of a file, or an array of {array_type}")
+        raise ValueError(f"it must be {expected}")
 
     return BeforeValidator(validate)
 
 
-def _sensor(value: Any, info: ValidationInfo) -> Any:
-    if isinstance(value, Sensor):
-        return value
-    if not isinstance(value, str | Path):
-        raise ValueError("it must be the name of a built-in sensor, or of a sensor file")
-    return load_sensor(value if str(value) in shipped_files("sensor") else _folder(info) / value)
+def _array_from(reader: Callable[[Path], Any], array_type: str) -> BeforeValidator:
+    return _from_file(lambda folder, name: reader(folder / name), np.ndarray, f"the name of a file, or an array of {array_type}")
 
 
-def _folder(info: ValidationInfo) -> Path:
-    return (info.context or {}).get("folder") or Path()
+def _read_sensor(folder: Path, name: str | Path) -> Sensor:
+    return load_sensor(name if str(name) in shipped_files("sensor") else folder / name)
 
 
 _FILE = WithJsonSchema({"type": "file"})
-Image = Annotated[NDArray[np.uint8], _read(read_image, "uint8 (rows, cols, 3)"), _FILE]
-Mask = Annotated[NDArray[np.bool_], _read(read_mask, "bool (rows, cols)"), _FILE]
-Depth = Annotated[NDArray[Any], _read(read_depth, "uint16 or float32 (rows, cols)"), _FILE]
-SensorName = Annotated[Sensor, BeforeValidator(_sensor), WithJsonSchema({"type": "name"})]
+Image = Annotated[NDArray[np.uint8], _array_from(read_image, "uint8 (rows, cols, 3)"), _FILE]
+Mask = Annotated[NDArray[np.bool_], _array_from(read_mask, "bool (rows, cols)"), _FILE]
+Depth = Annotated[NDArray[Any], _array_from(read_depth, "uint16 or float32 (rows, cols)"), _FILE]
+_SENSOR = _from_file(_read_sensor, Sensor, "the name of a built-in sensor, or of a sensor file")
+SensorName = Annotated[Sensor, _SENSOR, WithJsonSchema({"type": "name"})]
 
 
 def check_array(name: str, array: Any, dtype: Any, dims: int) -> None:
@@ -83,7 +81,7 @@ def size_text(array: NDArray[Any]) -> str:
     return f"{array.shape[1]} x {array.shape[0]}"
 
 
-class Pose(Entries):
+class Pose(ObservationEntries):
     """A frame in the file's frame: `position`, and `quaternion` or `rpy`; or `matrix`, which may be given in place of the mapping."""
 
     position: Annotated[Vector | None, Field(description="of the frame's origin")] = None

@@ -1,5 +1,6 @@
 """Observations of a robot: what it saw and felt of one object, as a YAML file or as arrays."""
 
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -13,8 +14,19 @@ from pipeline.console import pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, read_yaml
 from pipeline.formats.file_units import METRES
+from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import foreground
-from pipeline.reconstruct.observation_entries import Depth, Entries, Image, Mask, Pose, SensorName, Vector, check_array, size_text
+from pipeline.reconstruct.observation_entries import (
+    Depth,
+    Image,
+    Mask,
+    ObservationEntries,
+    Pose,
+    SensorName,
+    Vector,
+    check_array,
+    size_text,
+)
 
 MAX_TOUCHES = 256
 CHANGED, CONTACT_SHARE = 8, 0.5
@@ -23,7 +35,7 @@ SMOOTHED = 1 / 33
 """Share of a tactile image's shorter side over which differences are averaged before: noise of single pixels is no touch."""
 
 
-class ObservedObject(Entries):
+class ObservedObject(ObservationEntries):
     """Where the object is."""
 
     centre: Annotated[
@@ -32,7 +44,7 @@ class ObservedObject(Entries):
     diagonal: Annotated[float | None, Field(gt=0, description="of its bounding box; by default estimated from `depth` and `mask`")] = None
 
 
-class Intrinsics(Entries):
+class Intrinsics(ObservationEntries):
     """Focal lengths and principal point, pixels; the centre of the top left pixel is (½, ½)."""
 
     fx: Annotated[float, Field(ge=10, le=1e6, description="focal length along columns")]
@@ -41,7 +53,7 @@ class Intrinsics(Entries):
     cy: Annotated[float, Field(ge=-1e6, le=1e6, description="row of the principal point; OpenCV's and ROS's plus ½")]
 
 
-class ObservedCamera(Entries):
+class ObservedCamera(ObservationEntries):
     """A rectified photograph and its camera."""
 
     image: Annotated[Image, Field(description="8-bit RGB photograph, without distortion")]
@@ -72,14 +84,12 @@ class ObservedCamera(Entries):
     @model_validator(mode="after")
     def _is_one_size(self) -> Self:
         check_array("image", self.image, np.uint8, 3)
-        shape = self.image.shape[:2]
-        for name in ("mask", "hand_mask"):
-            if (mask := getattr(self, name)) is not None:
-                check_array(name, mask, np.bool_, 2)
-        if self.depth is not None:
-            check_array("depth", self.depth, self.depth.dtype if self.depth.dtype.kind == "f" else np.uint16, 2)
-        for name in ("mask", "hand_mask", "depth"):
-            if (array := getattr(self, name)) is not None and array.shape != shape:
+        levels = self.depth.dtype if self.depth is not None and self.depth.dtype.kind == "f" else np.uint16
+        for name, dtype in (("mask", np.bool_), ("hand_mask", np.bool_), ("depth", levels)):
+            if (array := getattr(self, name)) is None:
+                continue
+            check_array(name, array, dtype, 2)
+            if array.shape != self.image.shape[:2]:
                 raise ValueError(f"{name} has {size_text(array)} pixels, the image {size_text(self.image)}; register them")
         if self.mask is not None and not self.mask.any():
             raise ValueError("the mask is 0 everywhere; the object's pixels must not be")
@@ -101,8 +111,27 @@ class ObservedCamera(Entries):
         mask = foreground(self.image) if self.mask is None else self.mask
         return mask if self.hand_mask is None else mask & ~self.hand_mask
 
+    @cached_property
+    def measured(self) -> NDArray[np.bool_] | None:
+        """(rows, cols): the object's pixels whose depth is known; None without a depth image or a mask."""
+        return None if self.metres is None or self.mask is None else self.object_pixels & ~np.isnan(self.metres)
 
-class ObservedTouch(Entries):
+
+@dataclass(frozen=True)
+class View:
+    """A photograph and its projection."""
+
+    camera: ObservedCamera
+    matrix: NDArray[np.float64]  # (3, 4): the observation's frame, m, to pixels
+
+    def shows(self, point: NDArray[np.float64]) -> bool:
+        """Check whether a point (3,) of the frame, m, is in the photograph."""
+        rows, cols = self.camera.image.shape[:2]
+        pixel = project_points(self.matrix, point)
+        return bool(((pixel >= 0) & (pixel < [cols, rows])).all())  # NaN behind the camera is not
+
+
+class ObservedTouch(ObservationEntries):
     """A tactile image and the pose of its sensor."""
 
     tactile_image: Annotated[Image, Field(description="8-bit RGB photograph by the sensor's camera, +x along columns, +y along rows")]
@@ -113,7 +142,7 @@ class ObservedTouch(Entries):
     name: Annotated[str | None, Field(max_length=100, description="for messages: `index`, `thumb`")] = None
 
 
-class RobotObservation(Entries):
+class RobotObservation(ObservationEntries):
     """A robot's observation of one static object, in one frame (e.g. its base)."""
 
     unit: Annotated[Literal["mm", "cm", "dm", "m", "in", "ft"], Field(description="of all lengths, and of the reconstruction")] = "m"
@@ -186,27 +215,32 @@ class RobotObservation(Entries):
         """Name a touch for messages."""
         return self.touches[number].name or f"touches.{number}"
 
-    def metric(self, pose: Pose) -> NDArray[np.float64]:
+    def _metric(self, pose: Pose) -> NDArray[np.float64]:
         """Return a pose (4, 4), m."""
         scaled = pose.array.copy()
         scaled[:3, 3] *= self.metres_per_unit
         return scaled
 
     @cached_property
-    def projection(self) -> NDArray[np.float64] | None:
-        """(3, 4) projection matrix of the photograph: this frame, m, to pixels."""
+    def view(self) -> View | None:
+        """The photograph with its projection."""
         if self.camera is None:
             return None
-        k, pose = self.camera.intrinsics, self.metric(self.camera.pose)
+        k, pose = self.camera.intrinsics, self._metric(self.camera.pose)
         if self.camera.convention == "opengl":
             pose = pose @ np.diag([1.0, -1, -1, 1])
         intrinsic = np.array([[k.fx, 0, k.cx], [0, k.fy, k.cy], [0, 0, 1.0]])
-        return np.asarray(intrinsic @ np.column_stack([pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3]]))
+        return View(self.camera, intrinsic @ np.column_stack([pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3]]))
 
     @cached_property
     def sensor_poses(self) -> NDArray[np.float64]:
         """(T, 4, 4) sensor frames, m."""
-        return np.array([self.metric(touch.pose) for touch in self.touches]).reshape(-1, 4, 4)
+        return np.array([self._metric(touch.pose) for touch in self.touches]).reshape(-1, 4, 4)
+
+    @cached_property
+    def gel_centres(self) -> NDArray[np.float64]:
+        """(T, 3) middles of the gels' fronts, m."""
+        return self.sensor_poses[:, :3, 3] + (self.sensor.w if self.sensor else 0.0) * self.sensor_poses[:, :3, 2]
 
     def __repr__(self) -> str:
         photograph = "a photograph" if self.camera else "no photograph"

@@ -13,10 +13,10 @@ from pipeline.drawing.plots import save_figure
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import camera_direction, moved_projection, optical_centre, split_projection
-from pipeline.reconstruct.object_location import ObjectBox, Target, gel_centres, turn_to_z
+from pipeline.reconstruct.object_location import ObjectBox, Target, turn_to_z
 from pipeline.reconstruct.observation_checks import check
-from pipeline.reconstruct.observation_file import RobotObservation
-from pipeline.reconstruct.observation_placement import degrees, describe_object, facing_away, place_observation
+from pipeline.reconstruct.observation_file import RobotObservation, View
+from pipeline.reconstruct.observation_placement import describe_object, facing_away, place_observation
 
 SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) / 2
 """The outline of a gel, in units of its sides."""
@@ -26,56 +26,54 @@ def draw_observation(path: Path, picture: Path, target: Target | None = None) ->
     """Check an observation file, and draw it; return lines that describe it and, with a network, the inputs that this gets."""
     checked = check(path, target)
     observation, box = checked.observation, checked.box
-    panels: list[Callable[[Axes, RobotObservation, ObjectBox], None]] = [] if observation.camera is None else [_draw_photograph]
-    panels += [partial(_draw_from, right=0, up=1), partial(_draw_from, right=0, up=2)]
-    lines, network_image = [f"{path}: observation, no faults", *_described(observation, box)], None
+    lines = [f"{path}: observation, no faults", *_described(observation, box)]
+    panels: list[Callable[[Axes], object]] = [partial(_draw_from, observation=observation, box=box, right=0, up=up) for up in (1, 2)]
+    if observation.view is not None:
+        panels.insert(0, partial(_draw_photograph, view=observation.view, box=box, outlines=_outlines(observation)))
     if target is not None:
         placed = place_observation(checked)
-        network_image = placed.image
         lines += [f"with model {target.configuration}:{'' if placed.remarks else ' no remark'}", *placed.remarks]
-    count = len(panels) + (network_image is not None)
-    figure = Figure((5 * count, 5), layout="constrained")
-    drawn = figure.subplots(1, count).tolist()
-    for axes, draw in zip(drawn, panels, strict=False):
-        draw(axes, observation, box)
-    if target is not None and network_image is not None:
-        drawn[-1].imshow(network_image)
-        drawn[-1].set(title=f"as {target.configuration} is given it", xticks=[], yticks=[])
+        if placed.image is not None:
+            panels.append(partial(_draw_image, image=placed.image, title=f"as {target.configuration} is given it"))
+    figure = Figure((5 * len(panels), 5), layout="constrained")
+    for axes, draw in zip(figure.subplots(1, len(panels)), panels, strict=True):
+        draw(axes)
     save_figure(figure, picture)
     return [*lines, f"picture: {picture}"]
 
 
 def _described(observation: RobotObservation, box: ObjectBox) -> Iterator[str]:
     yield describe_object(observation, box)
-    if observation.camera is not None and observation.projection is not None:
+    if observation.view is not None:
         upright = np.eye(4)
         upright[:3, :3] = turn_to_z(np.array(observation.up))
         upright[:3, 3] = -upright[:3, :3] @ box.centre
-        view = camera_direction(moved_projection(observation.projection, upright), np.zeros(3))
-        rows, cols = observation.camera.image.shape[:2]
+        seen = camera_direction(moved_projection(observation.view.matrix, upright), np.zeros(3))
+        pixels = observation.view.camera.object_pixels
         yield (
-            f"camera: {cols} x {rows} pixels, {view.distance:.3g} m from the object, {degrees(view.elevation)}° above its horizon; "
-            f"{observation.camera.object_pixels.mean():.1%} of the photograph is the object"
+            f"camera: {pixels.shape[1]} x {pixels.shape[0]} pixels, {seen.distance:.3g} m from the object, "
+            f"{np.degrees(seen.elevation):z.1f}° above its horizon; {pixels.mean():.1%} of the photograph is the object"
         )
-    distances = np.linalg.norm(gel_centres(observation) - box.centre, axis=1)
+    distances = np.linalg.norm(observation.gel_centres - box.centre, axis=1)
     for number, (touch, is_away) in enumerate(zip(observation.touches, facing_away(observation, box), strict=True)):
         touched = {True: "touches", False: "does not touch", "auto": "touches if its image shows so"}[touch.touched]
         facing = "; warning: it faces away from there, +z must point out of the gel" if is_away else ""
         yield f"{observation.name_of(number)}: {touched}, {1e3 * distances[number]:.3g} mm from the object's centre{facing}"
 
 
-def _draw_photograph(axes: Axes, observation: RobotObservation, box: ObjectBox) -> None:
+def _draw_image(axes: Axes, image: np.ndarray, title: str) -> None:
+    axes.imshow(image)
+    axes.set(title=title, xlim=(0, image.shape[1]), ylim=(image.shape[0], 0), xticks=[], yticks=[])
+
+
+def _draw_photograph(axes: Axes, view: View, box: ObjectBox, outlines: np.ndarray) -> None:
     """Draw the photograph with its mask, the object's centre and the gels' outlines where they should appear."""
-    assert observation.camera is not None
-    assert observation.projection is not None
-    axes.imshow(observation.camera.image)
-    if min(observation.camera.object_pixels.shape) > 1:
-        axes.contour(observation.camera.object_pixels, levels=[0.5], colors="C3", linewidths=1)
-    axes.plot(*project_points(observation.projection, box.centre), "+", color="C3", markersize=14)
-    for outline in _outlines(observation):
-        axes.plot(*project_points(observation.projection, outline).T, color="C0")
-    rows, cols = observation.camera.image.shape[:2]
-    axes.set(title="mask, centre and gels in the photograph", xlim=(0, cols), ylim=(rows, 0), xticks=[], yticks=[])
+    if min(view.camera.object_pixels.shape) > 1:
+        axes.contour(view.camera.object_pixels, levels=[0.5], colors="C3", linewidths=1)
+    axes.plot(*project_points(view.matrix, box.centre), "+", color="C3", markersize=14)
+    for outline in outlines:
+        axes.plot(*project_points(view.matrix, outline).T, color="C0")
+    _draw_image(axes, view.camera.image, "mask, centre and gels in the photograph")  # last: it sets the limits
 
 
 def _outlines(observation: RobotObservation) -> np.ndarray:
@@ -86,7 +84,7 @@ def _outlines(observation: RobotObservation) -> np.ndarray:
     return transform_points(observation.sensor_poses, np.insert(SQUARE * [sensor.width, sensor.height], 2, sensor.w, axis=1))
 
 
-def _draw_from(axes: Axes, observation: RobotObservation, box: ObjectBox, *, right: int, up: int) -> None:
+def _draw_from(axes: Axes, observation: RobotObservation, box: ObjectBox, right: int, up: int) -> None:
     """Draw the scene along an axis of the file's frame; `right` and `up` are the numbers of the other axes."""
     unit = observation.metres_per_unit
     column, row = box.centre[[right, up]] / unit
@@ -94,8 +92,8 @@ def _draw_from(axes: Axes, observation: RobotObservation, box: ObjectBox, *, rig
     axes.plot(column, row, "+", color="C3", markersize=12, label="object")
     for number, outline in enumerate(_outlines(observation) / unit):
         axes.plot(*outline[:, [right, up]].T, color="C0", label=None if number else "gels")
-    if observation.projection is not None:
-        eye, ahead = optical_centre(observation.projection), split_projection(observation.projection)[1][2]
+    if observation.view is not None:
+        eye, ahead = optical_centre(observation.view.matrix), split_projection(observation.view.matrix)[1][2]
         tip = (eye + 0.3 * np.linalg.norm(eye - box.centre) * ahead) / unit
         eye = eye / unit
         axes.annotate("", xy=(tip[right], tip[up]), xytext=(eye[right], eye[up]), arrowprops={"arrowstyle": "->"})

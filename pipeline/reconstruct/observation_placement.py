@@ -21,9 +21,9 @@ from pipeline.kernels.vision.view_transfer import (
     split_projection,
     transfer_view,
 )
-from pipeline.reconstruct.object_location import ObjectBox, Target, gel_centres, network_axes
+from pipeline.reconstruct.object_location import ObjectBox, Target, network_axes
 from pipeline.reconstruct.observation_checks import CheckedObservation
-from pipeline.reconstruct.observation_file import ObservedCamera, RobotObservation
+from pipeline.reconstruct.observation_file import ObservedCamera, RobotObservation, View
 
 UNLIKE, FAR_VIEW, MIN_SHOWN, INVERTED_MASK, FEW_PATCHES = 1.25, 10.0, 0.9, 0.5, 4
 """Limits for warnings: ratio to the sizes of the training's objects; degrees between views; share of the training camera's image that the
@@ -62,42 +62,29 @@ def place_observation(checked: CheckedObservation) -> Placement:
     azimuth of the training's; without a camera it keeps its own axes. It is scaled, with its camera and its touches, to the size at which
     networks see all objects.
     """
-    observation, box, target, inputs = checked.observation, checked.box, checked.target, checked.inputs
+    observation, box, target, inputs, view = checked.observation, checked.box, checked.target, checked.inputs, checked.observation.view
     assert target is not None
     centre, to_network = np.array(inputs.centre), np.eye(4)
     factor = box.factor(target)
     to_network[:3, :3] = factor * network_axes(observation, target, box.centre)
     to_network[:3, 3] = centre - to_network[:3, :3] @ box.centre
     image, camera, remarks = None, None, list(_size_remarks(box, target))
-    if observation.camera is not None and observation.projection is not None and inputs.image is not None:
+    if view is not None and inputs.image is not None:
         assert target.projection is not None
         assert target.resolution is not None
-        real = moved_projection(observation.projection, to_network)
+        real = moved_projection(view.matrix, to_network)
         camera = carried_camera(target.projection, real, centre)
-        fill, photograph = _background(observation.camera, target, hand_is_shown=inputs.image == "occluded")
+        fill, photograph = _background(view.camera, target, hand_is_shown=inputs.image == "occluded")
         image, shown_share = transfer_view(photograph, real, camera, target.resolution, fill)
-        distance = camera_direction(real, centre).distance / factor
-        remarks += [*_view_remarks(target.projection, real, centre, distance, shown_share), *_mask_remarks(checked)]
-    if inputs.touch and target.sensor is not None and observation.touches:
-        remarks += _touch_remarks(observation, box, target.sensor)
-    visible_charts = _visible_charts(observation, inputs.side if inputs.touch else 0, to_network)
-    remarks += _depth_remarks(checked, len(visible_charts))
-    if observation.camera is not None and inputs.image is None:
-        remarks.append(f"model {target.configuration} takes no image: the photograph only colours a closed mesh")
-    if observation.touches and not inputs.touch:
-        remarks.append(f"model {target.configuration} takes no touch: the touches are not used")
-    poses = compose(to_network, observation.sensor_poses)
-    return Placement(checked, to_network, image, camera, poses, visible_charts, remarks)
-
-
-def _visible_charts(observation: RobotObservation, side: int, to_network: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Fit charts to the visible surface where the observation gives it as touched."""
-    camera, matrix = observation.camera, observation.projection
-    if not side or camera is None or matrix is None or camera.metres is None or not camera.depth_as_touch:
-        return np.zeros((0, side**2, 3), np.float32)
-    intrinsic, rotation = split_projection(matrix)
-    charts = visible_charts(camera.metres, camera.object_pixels, intrinsic, side)
-    return transform_points(to_network, charts @ rotation + optical_centre(matrix)).astype(np.float32)
+        remarks += _view_remarks(target.projection, real, centre, factor, shown_share)
+        remarks += _mask_remarks(view, box, target, checked)
+    charts = np.zeros((0, inputs.side**2, 3), np.float32)
+    if view is not None and view.camera.metres is not None and view.camera.depth_as_touch and inputs.touch:
+        intrinsic, rotation = split_projection(view.matrix)
+        charts = visible_charts(view.camera.metres, view.camera.object_pixels, intrinsic, inputs.side)
+        charts = transform_points(to_network, charts @ rotation + optical_centre(view.matrix)).astype(np.float32)
+    remarks += _touch_remarks(checked, target, len(charts))
+    return Placement(checked, to_network, image, camera, compose(to_network, observation.sensor_poses), charts, remarks)
 
 
 def network_tactile_images(
@@ -119,8 +106,7 @@ def network_tactile_images(
 def _resampled(image: NDArray[np.uint8], sensor: Sensor) -> NDArray[np.uint8]:
     if image.shape[:2] == sensor.shape:
         return image
-    shrinks = image.shape[0] > sensor.rows
-    resized = resize(image, sensor.shape, order=1, preserve_range=True, anti_aliasing=shrinks)
+    resized = resize(image, sensor.shape, order=1, preserve_range=True, anti_aliasing=image.shape[0] > sensor.rows)
     return np.asarray(np.rint(resized), np.uint8)
 
 
@@ -144,11 +130,6 @@ def describe_object(observation: RobotObservation, box: ObjectBox) -> str:
     return f"object at [{centre}] {observation.unit} ({box.source}), {size}"
 
 
-def degrees(angle: float) -> str:
-    """Write an angle, rad, in degrees, without the sign of zero."""
-    return f"{round(float(np.degrees(angle)), 1) + 0.0:.1f}"
-
-
 def _size_remarks(box: ObjectBox, target: Target) -> Iterator[str]:
     learned = target.diagonals or 2 * (2 * target.network.radius,)
     if box.diagonal is None:
@@ -162,22 +143,21 @@ def _size_remarks(box: ObjectBox, target: Target) -> Iterator[str]:
 
 
 def _view_remarks(
-    training: NDArray[np.float64], real: NDArray[np.float64], centre: NDArray[np.float64], distance: float, share: float
+    training: NDArray[np.float64], real: NDArray[np.float64], centre: NDArray[np.float64], factor: float, share: float
 ) -> Iterator[str]:
     view, training_view = (camera_direction(matrix, centre) for matrix in (real, training))
-    difference = abs(float(np.degrees(view.elevation - training_view.elevation)))
+    above, training_above = np.degrees([view.elevation, training_view.elevation])
+    difference = abs(above - training_above)
     yield (
-        f"{'warning: ' if difference > FAR_VIEW else ''}camera {distance:.3g} m from the object and {degrees(view.elevation)}° above "
-        f"its horizon; in training {degrees(training_view.elevation)}°: the views differ by {difference:.1f}°"
+        f"{'warning: ' if difference > FAR_VIEW else ''}camera {view.distance / factor:.3g} m from the object and {above:z.1f}° above "
+        f"its horizon; in training {training_above:z.1f}°: the views differ by {difference:.1f}°"
     )
     if share < MIN_SHOWN:
         yield f"warning: the photograph shows {share:.0%} of what the training camera would; the rest is background"
 
 
-def _mask_remarks(checked: CheckedObservation) -> Iterator[str]:
-    observation, box, camera = checked.observation, checked.box, checked.observation.camera
-    if camera is None or observation.projection is None:
-        return
+def _mask_remarks(view: View, box: ObjectBox, target: Target, checked: CheckedObservation) -> Iterator[str]:
+    camera, stated = view.camera, checked.observation.object.diagonal is not None
     for name, mask in (("mask", camera.mask), ("hand_mask", camera.hand_mask)):
         if mask is not None and border(mask).mean() > INVERTED_MASK:
             yield f"warning: camera.{name} holds most of the photograph's border: is it inverted?"
@@ -186,54 +166,57 @@ def _mask_remarks(checked: CheckedObservation) -> Iterator[str]:
     if camera.mask is None:
         yield f"warning: no camera.mask: the {camera.object_pixels.mean():.0%} of the photograph that differ from its border are the object"
         return
-    assert checked.target is not None
-    if checked.target.background is None:
+    if target.background is None:
         yield "the model does not state its images' background: what is outside the mask stays"
     row, col = np.nonzero(camera.mask)
-    pixel = project_points(observation.projection, box.centre)
+    pixel = project_points(view.matrix, box.centre)
     low, high = np.array([col.min(), row.min()]), np.array([col.max(), row.max()])
     if not ((pixel >= low) & (pixel <= high + 1)).all():
         yield (
             f"warning: the object's centre is seen at column {pixel[0]:.0f}, row {pixel[1]:.0f}, but the mask spans columns {low[0]} to "
             f"{high[0]} and rows {low[1]} to {high[1]}: check camera.pose, intrinsics and object.centre"
         )
-    k, distance = camera.intrinsics, float(observation.projection[2] @ np.append(box.centre, 1.0))
-    if observation.object.diagonal is not None and box.diagonal is not None:
-        span = float(np.linalg.norm((high + 1 - low) / (k.fx, k.fy))) * distance
-        if not MASK_SPAN[0] <= span / box.diagonal <= MASK_SPAN[1]:
-            yield (
-                f"warning: the mask's diagonal is {span:.3g} m at the object's distance, {distance:.3g} m, but object.diagonal is "
-                f"{box.diagonal:.3g} m: check it, unit, camera.pose and camera.mask"
-            )
+    distance = float(view.matrix[2] @ np.append(box.centre, 1.0))
+    span = float(np.linalg.norm((high + 1 - low) / (camera.intrinsics.fx, camera.intrinsics.fy))) * distance
+    if stated and box.diagonal is not None and not MASK_SPAN[0] <= span / box.diagonal <= MASK_SPAN[1]:
+        yield (
+            f"warning: the mask's diagonal is {span:.3g} m at the object's distance, {distance:.3g} m, but object.diagonal is "
+            f"{box.diagonal:.3g} m: check it, unit, camera.pose and camera.mask"
+        )
     if checked.inputs.image == "occluded" and camera.hand_mask is None:
         yield "warning: the network saw the hand in its images: give camera.hand_mask too, else background takes the hand's place"
 
 
-def _touch_remarks(observation: RobotObservation, box: ObjectBox, sensor: Sensor) -> Iterator[str]:
-    rows, cols = observation.touches[0].tactile_image.shape[:2]
-    if (rows, cols) != sensor.shape:
-        yield f"tactile images resampled from {cols} x {rows} to {sensor.cols} x {sensor.rows} pixels"
-    if observation.untouched is None:
-        yield f"untouched image: that of the model's sensor, {sensor.name}"
-    if turned := [observation.name_of(number) for number, is_away in enumerate(facing_away(observation, box)) if is_away]:
-        yield f"warning: {', '.join(turned)} face away from the object's centre: +z must point out of the gel"
+def _touch_remarks(
+    checked: CheckedObservation,
+    target: Target,
+    count: int,  # of patches of the visible surface
+) -> Iterator[str]:
+    observation, inputs, sensor, camera = checked.observation, checked.inputs, target.sensor, checked.observation.camera
+    if inputs.touch and sensor is not None and observation.touches:
+        rows, cols = observation.touches[0].tactile_image.shape[:2]
+        if (rows, cols) != sensor.shape:
+            yield f"tactile images resampled from {cols} x {rows} to {sensor.cols} x {sensor.rows} pixels"
+        if observation.untouched is None:
+            yield f"untouched image: that of the model's sensor, {sensor.name}"
+        if turned := [observation.name_of(number) for number in np.flatnonzero(facing_away(observation, checked.box))]:
+            yield f"warning: {', '.join(turned)} face away from the object's centre: +z must point out of the gel"
+    if camera is not None and camera.metres is not None:
+        if camera.depth_as_touch and inputs.touch:
+            causes = f"small beside a patch ({1e3 * WIDTH:g} mm), rough ({1e3 * UNEVEN:g} mm), seen at a flat angle, or not measured"
+            few = "" if count >= FEW_PATCHES else f"; most of it is {causes}"
+            yield f"{'warning: ' if few else ''}{count} patches of the visible surface are given as touched{few}"
+        elif camera.mask is None:
+            yield "warning: camera.depth is not used without camera.mask: it neither locates the object nor is checked"
+        elif target.network.touch:  # whether or not touches are given: depth may be, as touch
+            yield "the depth image is not given to the network; camera.depth_as_touch: true would give it"
+    if camera is not None and inputs.image is None:
+        yield f"model {target.configuration} takes no image: the photograph only colours a closed mesh"
+    if observation.touches and not inputs.touch:
+        yield f"model {target.configuration} takes no touch: the touches are not used"
 
 
 def facing_away(observation: RobotObservation, box: ObjectBox) -> NDArray[np.bool_]:
     """Find the sensors (T,) that touch and face away from the object's centre."""
-    towards = (unit_vectors(box.centre - gel_centres(observation)) * observation.sensor_poses[:, :3, 2]).sum(axis=1)
+    towards = (unit_vectors(box.centre - observation.gel_centres) * observation.sensor_poses[:, :3, 2]).sum(axis=1)
     return np.asarray((towards < FACING_AWAY) & np.array([touch.touched is not False for touch in observation.touches], bool))
-
-
-def _depth_remarks(checked: CheckedObservation, count: int) -> Iterator[str]:
-    camera = checked.observation.camera
-    if camera is None or camera.metres is None:
-        return
-    if camera.depth_as_touch and checked.inputs.touch:
-        causes = f"small beside a patch ({1e3 * WIDTH:g} mm), rough ({1e3 * UNEVEN:g} mm), seen at a flat angle, or not measured"
-        few = "" if count >= FEW_PATCHES else f"; most of it is {causes}"
-        yield f"{'warning: ' if few else ''}{count} patches of the visible surface are given as touched{few}"
-    elif camera.mask is None:
-        yield "warning: camera.depth is not used without camera.mask: it neither locates the object nor is checked"
-    elif checked.target is not None and checked.target.network.touch:  # whether or not touches are given: depth may be, as touch
-        yield "the depth image is not given to the network; camera.depth_as_touch: true would give it"

@@ -1,6 +1,6 @@
 """Predict an object's surface from stored grasps or a robot's observation, and write it as a mesh file."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -154,93 +154,84 @@ def reconstruct(observation: Path | RobotObservation, options: PredictOptions | 
     return _predicted(options.reader(), observation, "closed", options.resolution)
 
 
+@dataclass(frozen=True)
+class _Given:
+    """What a network is given of an object."""
+
+    reader: ObservationReader  # of the network, restricted to these inputs
+    inputs: Observation
+    photograph: tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.bool_]] | None = None  # that colours a closed mesh
+    remarks: Sequence[str] = ()
+    placed: Placement | None = None  # of a robot's observation
+
+
 def _predicted(reader: ObservationReader, source: Source, surface: Surface, resolution: int) -> Prediction:
-    resolution = resolution if surface == "closed" else 0
     if isinstance(source, StoredGrasps):
-        return _of_object(reader, source, resolution)
-    if source is not None:
-        placed = place_observation(check(source, reader.target))
-        return _of_robot(reader.restricted_to(placed.checked.inputs), placed, resolution)
-    return _of_nothing(reader, resolution)
+        given = _of_object(reader, source)
+    else:
+        given = _of_nothing(reader) if source is None else _of_robot(reader, source)
+    inputs, placed, closed = given.inputs, given.placed, None
+    reconstruction = given.reader.model.reconstruct([inputs])[0]
+    if surface == "closed":
+        vertices, faces = close_reconstruction(reconstruction, resolution, inputs)
+        closed = ClosedMesh.grey(placed.returned(vertices) if placed else vertices, faces)
+        if given.photograph is not None:
+            closed = closed.coloured(*given.photograph)
+    remarks = [*given.remarks]
+    if reconstruction.is_guess:
+        remarks.append("warning: the network finds no point inside the object; the surface is a speck around the likeliest one")
+    remarks.append(error_note(given.reader))
+    if placed is None:
+        return Prediction(reconstruction, inputs.touched, closed=closed, remarks=remarks)
+    observed = placed.checked.observation
+    touched, visible = np.split(inputs.touched, [len(observed.touches)])
+    returned = replace(reconstruction, vertices=placed.returned(reconstruction.vertices))
+    return Prediction(returned, touched, len(visible), closed, observed.metres_per_unit, observed.up, remarks)
 
 
-def _of_nothing(reader: ObservationReader, resolution: int) -> Prediction:
-    """Reconstruct what a network without inputs takes any object to be."""
+def _of_nothing(reader: ObservationReader) -> _Given:
+    """Give a network without inputs nothing: it reconstructs what it takes any object to be."""
     model = reader.model
     if model.image or model.touch:
         needed = [name for name, is_used in (("an image", model.image), ("touches", model.touch)) if is_used]
         inputs = (" or " if model.image == "any" else " and ").join(needed)
         raise StageError(f"model {model.trained.configuration} needs {inputs}: give an observation, or a data directory and an object")
-    empty = Observation(None, scale=2 * model.config.radius / reader.target.size)
-    reconstruction = model.reconstruct([empty])[0]
-    closed = ClosedMesh.grey(*close_reconstruction(reconstruction, resolution)) if resolution else None
-    return Prediction(reconstruction, empty.touched, closed=closed, remarks=[error_note(reader)])
+    return _Given(reader, Observation(None, scale=2 * model.config.radius / reader.target.size))
 
 
-def _of_robot(
-    reader: ObservationReader,  # restricted to the inputs that the observation has
-    placed: Placement,
-    resolution: int,  # of the closed mesh; 0 for none
-) -> Prediction:
-    """Reconstruct from a robot's observation, in its frame and unit."""
-    observed = placed.checked.observation
-    network_inputs = reader.of_robot(placed)
-    reconstruction = reader.model.reconstruct([network_inputs])[0]
-    touched, visible = np.split(network_inputs.touched, [len(observed.touches)])
-    remarks = [describe_object(observed, placed.checked.box), *placed.remarks, *_unseen_touches(observed, touched)]
-    closed = None
-    if resolution:
-        vertices, faces = close_reconstruction(reconstruction, resolution, network_inputs)
-        closed = ClosedMesh.grey(placed.returned(vertices), faces)
-        if observed.camera is not None and observed.projection is not None:
-            matrix = observed.projection * [*(3 * [observed.metres_per_unit]), 1.0]  # of points in the observation's unit
-            closed = closed.coloured(observed.camera.image, matrix, observed.camera.object_pixels)
-    return Prediction(
-        replace(reconstruction, vertices=placed.returned(reconstruction.vertices)),
-        touched,
-        len(visible),
-        closed,
-        metres_per_unit=observed.metres_per_unit,
-        up=observed.up,
-        remarks=[*remarks, *_guessed_surface(reconstruction), error_note(reader)],
-    )
+def _of_robot(reader: ObservationReader, source: RobotObservation | Path) -> _Given:
+    """Check a robot's observation, and place it in the world of the network."""
+    placed = place_observation(check(source, reader.target))
+    observed, reader = placed.checked.observation, reader.restricted_to(placed.checked.inputs)
+    inputs, photograph = reader.of_robot(placed), None
+    stated = zip(observed.touches, inputs.touched, strict=False)  # none for networks without touch
+    unseen = [observed.name_of(n) for n, (touch, is_touched) in enumerate(stated) if touch.touched is True and not is_touched]
+    remarks = [describe_object(observed, placed.checked.box), *placed.remarks]
+    if unseen:
+        remarks.append(f"warning: {', '.join(unseen)}: touched: true, but the tactile image shows no contact, so no touch is given")
+    if (view := observed.view) is not None:
+        matrix = view.matrix * [*(3 * [observed.metres_per_unit]), 1.0]  # of points in the observation's unit
+        photograph = view.camera.image, matrix, view.camera.object_pixels
+    return _Given(reader, inputs, photograph, remarks, placed)
 
 
-def _of_object(reader: ObservationReader, stored: StoredGrasps, resolution: int) -> Prediction:
-    """Reconstruct from grasps of a data directory, or from the rendering of a viewpoint."""
+def _of_object(reader: ObservationReader, stored: StoredGrasps) -> _Given:
+    """Read grasps of a data directory, or the rendering of a viewpoint."""
     numbers, name = stored.chosen(reader), reader.model.trained.configuration
     if reader.models.resolve() == (stored.data / "models").resolve():  # else the models are another dataset's
         check_origins(DataDirectory(stored.data), [model_name(name, reader.training_seed)])
     if reader.model.image == "any":
         reader = reader.restricted_to(INPUT_CHOICES["occluded-touch"])
-    model = reader.model
-    network_inputs = reader.of_object(stored.data, stored.object_id, numbers)
-    reconstruction = model.reconstruct([network_inputs])[0]
-    closed, image, camera = None, network_inputs.image, network_inputs.camera
-    if resolution:
-        closed = ClosedMesh.grey(*close_reconstruction(reconstruction, resolution, network_inputs))
-        if image is not None and camera is not None:
-            is_stored = model.image in ("occluded", "unoccluded")
-            mask = object_mask(stored.data, stored.object_id, model.image, numbers) if is_stored else foreground(image)
-            closed = closed.coloured(image, camera, mask)
-    remarks = []
-    seen_by = network_inputs.scaled(model.config.centre).camera
+    model, inputs = reader.model, reader.of_object(stored.data, stored.object_id, numbers)
+    photograph, remarks = None, []
+    if inputs.image is not None and inputs.camera is not None:
+        is_stored = model.image in ("occluded", "unoccluded")
+        mask = object_mask(stored.data, stored.object_id, model.image, numbers) if is_stored else foreground(inputs.image)
+        photograph = inputs.image, inputs.camera, mask
+    seen_by = inputs.scaled(model.config.centre).camera
     if seen_by is not None and model.trained.camera is not None and not model.trained.has_view(seen_by):
         remarks.append("warning: the image is from another camera than the network's training; errors are larger than measured")
-    remarks += [*_guessed_surface(reconstruction), error_note(reader)]
-    return Prediction(reconstruction, network_inputs.touched, closed=closed, remarks=remarks)
-
-
-def _unseen_touches(observed: RobotObservation, touched: NDArray[np.bool_]) -> Iterator[str]:
-    """Warn of touches that the observation states, and whose tactile images show none."""
-    names = [observed.name_of(n) for n, touch in enumerate(observed.touches) if touch.touched is True and len(touched) and not touched[n]]
-    if names:
-        yield f"warning: {', '.join(names)}: touched: true, but the tactile image shows no contact, so no touch is given"
-
-
-def _guessed_surface(reconstruction: Reconstruction) -> Iterator[str]:
-    if reconstruction.is_guess:
-        yield "warning: the network finds no point inside the object; the surface is a speck around the likeliest one"
+    return _Given(reader, inputs, photograph, remarks)
 
 
 def _write(out: Path, prediction: Prediction, surface: Surface) -> list[Path]:

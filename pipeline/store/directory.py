@@ -11,13 +11,14 @@ from pathlib import Path
 from pydantic import Field, ValidationError
 
 from pipeline.console import pluralise
+from pipeline.entries import Entries
 from pipeline.errors import StoreError, first_line
 from pipeline.formats.file_content import without_mark
 from pipeline.store import digest
 from pipeline.store.atomic import create
 from pipeline.store.collection import Collection
 from pipeline.store.digest import hashes_of
-from pipeline.store.record import FolderRecord, ShardRecord, Stored, read_record
+from pipeline.store.record import FolderRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
 from pipeline.store.storage import Location, as_location, cache_of, copy, exists, files_below, list_folder, map_in_threads, read_bytes
 from schemas.base import Artifact
@@ -33,7 +34,7 @@ SHARD_RECORD = "[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json"
 _VERSION = re.compile(r".+-[0-9a-f]{16}(\.zarr)?")
 
 
-class DatasetDescription(Stored):
+class DatasetDescription(Entries):
     """The content of `dataset.json`: the number of shards that the objects are split into."""
 
     shards: int = Field(ge=1, le=9999)

@@ -8,9 +8,10 @@ import operator
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from pipeline.console import CONTROLS
+from pipeline.entries import Entries
 from pipeline.errors import OtherVersion, StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.storage import Location, read_bytes
@@ -32,20 +33,14 @@ Text = Annotated[str, Field(pattern=f"^{CONTROLS.pattern.replace('[', '[^', 1)}*
 ObjectOption = Literal["--manifest", "--objects", "--units", "--up"]
 
 
-class Stored(BaseModel):
-    """The content of a JSON file that this project writes, or a part of it; unknown entries are errors."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Failure(Stored):
+class Failure(Entries):
     """Why an object has no row: the stage in which it failed, and the reason."""
 
     stage: str
     reason: str
 
 
-class Provenance(Stored):
+class Provenance(Entries):
     """What was made, by which stage, from what."""
 
     format: Literal[2] = FORMAT
@@ -64,7 +59,7 @@ class Provenance(Stored):
     processor: dict[str, Any]  # its properties: training and charts may differ in their last bits between processors
 
 
-class RowRecord(Stored):
+class RowRecord(Entries):
     """One object of a shard."""
 
     object_id: Name

@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field, ValidationError
 
+from pipeline.entries import Entries
 from pipeline.errors import StoreError
 from pipeline.formats.file_content import regular_stat
 from pipeline.store import digest
 from pipeline.store.atomic import write_atomically
 from pipeline.store.layout import decode_array, encode_array, numpy_dtype, with_checksum, without_checksum
-from pipeline.store.record import Failure, Stored
+from pipeline.store.record import Failure
 from pipeline.store.storage import Location, files_below, read_bytes, remove, remove_files
 from schemas.base import COMMON, Array, Artifact
 
@@ -62,7 +63,7 @@ Chunks = Mapping[str, list[bytes]]
 """The encoded chunks of a row, by array."""
 
 
-class EncodedArray(Stored):
+class EncodedArray(Entries):
     """An array in a row file: its shape, its numpy dtype, and the sizes of its chunks, which follow one another."""
 
     shape: tuple[int, ...]
@@ -70,7 +71,7 @@ class EncodedArray(Stored):
     sizes: tuple[int, ...]
 
 
-class Result(Stored):
+class Result(Entries):
     """The result of a unit: a row in a file, a `failure`, or a `bug` (its traceback)."""
 
     name: str  # of the unit, as `key`

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 from scipy.stats import t as student
 
 from pipeline.config.settings import Settings
+from pipeline.entries import Entries
 from pipeline.errors import StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
@@ -27,10 +28,8 @@ END_TO_END = "reconstruction"
 """The name, in place of a stage's, under which the trade of whole datasets is kept."""
 
 
-class Point(BaseModel):
+class Point(Entries):
     """A setting that was measured."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     label: str  # its presets, or what differs from the user's own settings
     changes: dict[str, Any]  # the settings that differ from the user's own, by name
@@ -75,10 +74,8 @@ class Point(BaseModel):
         return max(float(values.mean() + student.ppf(CONFIDENCE, len(values) - 1) * spread), smallest)
 
 
-class MeasuredTrade(BaseModel):
+class MeasuredTrade(Entries):
     """The trade of a stage."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     stage: str
     metric: str

@@ -172,7 +172,10 @@ def test_dataset_in_another_number_of_shards_reuses_the_rows_of_another_director
     items = objects(5, b="bad")
     for stage in (MakeNoise(), TakeMean()):
         run(request(tmp_path / "two", stage=stage, items=items, shards=2))
-        assert run(request(tmp_path / "four", stage=stage, items=items, shards=4, reuse=tmp_path / "two")) == 0
+        four = request(tmp_path / "four", stage=stage, items=items, shards=4, reuse=tmp_path / "two")
+        made = make(four, CONSOLE)
+        assert [answer.objects for answer in made] == [0] * 4
+        assert sum(int(re.match(r"reused (\d)|", answer.text)[1] or 0) for answer in made) == 4
     assert digest(tmp_path / "four") == digest(tmp_path / "two")
     assert digest(tmp_path / "four", MEAN) == digest(tmp_path / "two", MEAN)
     assert run(request(tmp_path / "other", settings={"samples": 9}, reuse=tmp_path / "two")) == 5, "rows with other keys are made"

@@ -63,10 +63,9 @@ def placed(tmp_path: Path) -> Callable[..., Placement]:
 
 def test_valid_file_is_read_with_its_images(tmp_path: Path, entries: dict[str, Any]) -> None:
     observation = check(write_observation(tmp_path, entries), target()).observation
-    assert observation.camera is not None
-    assert observation.camera.image.shape == (120, 160, 3)
-    assert observation.projection is not None
-    np.testing.assert_allclose(project_points(observation.projection, CENTRE), [80, 60], atol=1e-9)
+    assert observation.view is not None
+    assert observation.view.camera.image.shape == (120, 160, 3)
+    np.testing.assert_allclose(project_points(observation.view.matrix, CENTRE), [80, 60], atol=1e-9)
     assert len(repr(observation)) < 100
 
 

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from rich.markup import escape
 from rich.table import Table
 
-from pipeline.console import console, errors, print_line
+from pipeline.console import console, errors, print_lines
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import invalid_entries
 
@@ -82,27 +82,27 @@ def calibrate_sensor(
         table.add_row(title, str(len(image_errors)), *(f"{mean:.1f}" for mean in means))
     console.print(table)
     worst = max(result.tested_errors, key=lambda entry: entry.contact)
-    print_line(f"worst held-out photograph: {worst.name}, {worst.contact:.1f} in the contact")
+    print_lines(f"worst held-out photograph: {worst.name}, {worst.contact:.1f} in the contact")
     elastic = f"elastic gel {1e3 * fit.sensor.layer_thickness:.2f} mm thick"
     shape = elastic if fit.sensor.gel else f"membrane {1e3 * fit.sensor.membrane:.2f} mm"
-    print_line(f"then fitted to all {len(result.photographs)}; {shape}, position degree {fit.position_degree}")
+    print_lines(f"then fitted to all {len(result.photographs)}; {shape}, position degree {fit.position_degree}")
     for line in fitted_range(fit.calibration):
-        print_line(line)
+        print_lines(line)
     for line in fit.at_end:
         errors.print(f"[yellow]at the end of its range:[/] {escape(line)}")
     for line in missing_photographs(fit.sensor, fit.calibration, [photograph.contact for photograph in result.photographs]):
         errors.print(f"[yellow]missing:[/] {escape(line)}")
     images = [render_contact(half_fit.sensor, half_fit.calibration, photograph, image, radius) for photograph in result.tested]
     draw_calibration(result.tested, images, report := out.with_name(f"{out.stem}-calibration.png"))
-    print_line(f"{out}, {report}; `vt-pipeline check {shlex.quote(str(out))}` draws the sensor")
+    print_lines(f"{out}, {report}; `vt-pipeline check {shlex.quote(str(out))}` draws the sensor")
     if train:
         from pipeline.formats.sensor_file import load_sensor
         from pipeline.real_touch.read_touch import MODEL_SUFFIX
         from pipeline.real_touch.train_sensor import PRESSES, save_sensor_network, train_sensor_network
 
-        print_line(f"calibrated in {time.perf_counter() - began:.0f} s; presses {PRESSES} random shapes into the gel, then trains")
+        print_lines(f"calibrated in {time.perf_counter() - began:.0f} s; presses {PRESSES} random shapes into the gel, then trains")
         model, _ = train_sensor_network(load_sensor(out))
         save_sensor_network(model, network := out.with_name(out.stem + MODEL_SUFFIX))
         names = f"--untouched {shlex.quote(str(untouched))} --sensor {shlex.quote(str(out))}"
-        print_line(f"calibrated and trained in {time.perf_counter() - began:.0f} s")
-        print_line(f"{network}: `vt-pipeline read-touch PHOTOGRAPHS {names}` reads with it")
+        print_lines(f"calibrated and trained in {time.perf_counter() - began:.0f} s")
+        print_lines(f"{network}: `vt-pipeline read-touch PHOTOGRAPHS {names}` reads with it")

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, Field
 from rich.markup import escape
 
 from pipeline.config.manifest import without_controls
@@ -17,6 +17,7 @@ from pipeline.contrib.exports.grasp_frames import Column, GraspFrames
 from pipeline.dataset.completed_objects import CompletedObjects
 from pipeline.drawing.contact_sheet import SHOWN, draw_contact_sheet
 from pipeline.drawing.picture_sheet import spread_evenly
+from pipeline.entries import Entries
 from pipeline.errors import PipelineError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Provenance
@@ -56,10 +57,8 @@ USES = (
 )
 
 
-class About(BaseModel):
+class About(Entries):
     """Entries that only the publisher of a dataset knows."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     title: Annotated[str, AfterValidator(without_controls)] | None = None
     """By default the manifest's name."""

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.console import console, print_line, show_tables
+from pipeline.console import console, print_lines, show_tables
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import exists
 from pipeline.store.validate import check_origins
@@ -34,12 +34,12 @@ def report(
         from stages.evaluate.scores import score_shipped
 
         for reason in score_shipped(directory.root, console):
-            print_line(f"the pretrained network is not measured: {reason}")
+            print_lines(f"the pretrained network is not measured: {reason}")
     evaluated, outdated = evaluations(directory), scores(directory)
     scored = [name for name, problem in outdated.items() if problem is None]
     for name, problem in outdated.items():
         if problem:
-            print_line(f"{name} is outdated: {problem}")
+            print_lines(f"{name} is outdated: {problem}")
     if exists(directory.folder_record(SINGLE)):
         check_origins(directory, [SINGLE])
         trained = {"single-image": training_facts(directory, "models/single-image")}
@@ -50,7 +50,7 @@ def report(
         check_origins(directory, evaluated)
         show_tables(console, results_tables(directory, evaluated, scored))
     if pages:
-        print_line(f"report: {write_report(directory.root, console, most)}")
+        print_lines(f"report: {write_report(directory.root, console, most)}")
     if not (evaluated or scored):
         note = ": the report shows the dataset alone" if pages else ""
-        print_line(f"no network has been evaluated on the grasps{note}; `make report`, with the same variables, trains some")
+        print_lines(f"no network has been evaluated on the grasps{note}; `make report`, with the same variables, trains some")

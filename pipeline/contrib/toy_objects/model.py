@@ -1,14 +1,16 @@
 """The model of a toy object: parts and their materials, joined to one mesh; colours."""
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from pipeline.contrib.toy_objects.solids import Color, Material, Solid
 from pipeline.kernels.geometry.mesh import Look, Mesh
 
-Rng = np.random.Generator
 Palette = tuple[Color, ...]
+Option = TypeVar("Option")
 MILLIMETRE = 1e-3  # makers work in millimetres, meshes are in metres
 
 WHITE, BLACK, RED, GOLD = (246, 246, 246), (30, 30, 34), (196, 36, 38), (196, 156, 72)
@@ -18,14 +20,42 @@ GLAZES: Palette = (*PLASTICS, WHITE, WHITE, (70, 90, 120), (120, 60, 44), (190, 
 STEELS: Palette = ((206, 210, 214), (184, 190, 196), (222, 222, 220), (150, 156, 162))
 
 
-@dataclass
 class Model:
-    """An object in the making: solids in millimetres, the first paint of each its own material."""
+    """An object in the making: the generator that all of it is drawn from, and its solids in millimetres.
 
-    solids: list[Solid] = field(default_factory=list)
+    A class of objects is a subclass, whose `kinds` each draw an object.
+    """
 
-    def add(self, material: Material, *solids: Solid) -> None:
-        """Add parts of one material, under what is painted over them."""
+    kinds: ClassVar[tuple[Callable[[Any], None], ...]]
+    proportions: ClassVar[tuple[tuple[str, float, float, float, float], ...]]
+    """What is stretched at the end: axes, start and end, see `stretch`, and the range of the factor."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.rng, self.uniform = rng, rng.uniform
+        self.solids: list[Solid] = []  # the first paint of each is its own material
+
+    def integers(self, low: int, high: int) -> int:
+        """Draw an integer from `low` to before `high`."""
+        return int(self.rng.integers(low, high))
+
+    def one_of(self, *options: Option) -> Option:
+        """Draw one of some options."""
+        return options[self.rng.integers(len(options))]
+
+    def chance(self, share: float) -> bool:
+        """Draw True with a probability of `share`."""
+        return bool(self.rng.random() < share)
+
+    def pick(self, *colors: Color) -> Material:
+        """Draw a material of one of the colours, lighter or darker by up to 12, each channel off by up to 4."""
+        shift = self.rng.integers(-12, 13) + self.rng.integers(-4, 5, 3)
+        r, g, b = (np.array(self.one_of(*colors)) + shift).clip(0, 255).tolist()
+        return Material((r, g, b))
+
+    def add(self, material: Material | Palette, *solids: Solid) -> None:
+        """Add parts of one material, drawn if colours are given, under what is painted over them."""
+        if not isinstance(material, Material):
+            material = self.pick(*material)
         self.solids += [replace(solid, paints=(material, *solid.paints)) for solid in solids]
 
     def stretch(self, axes: str, start: float, end: float, factor: float) -> None:
@@ -56,15 +86,3 @@ class Model:
         x, y, z = np.concatenate([solid.vertices for solid in self.solids]).round(4).T * MILLIMETRE
         turned = np.stack([-y, x, z], axis=1) + 0.0  # no negative zeros
         return Mesh(turned, faces.astype(np.int32), look)
-
-
-def pick(rng: Rng, *colors: Color, spread: int = 12) -> Material:
-    """Draw a material of one of the colours, lighter or darker by up to `spread`, each channel off by a third of that."""
-    shift = rng.integers(-spread, spread + 1) + rng.integers(-(spread // 3), spread // 3 + 1, 3)
-    r, g, b = (np.array(colors[rng.integers(len(colors))]) + shift).clip(0, 255).tolist()
-    return Material((r, g, b))
-
-
-def chance(rng: Rng, share: float) -> bool:
-    """Draw True with a probability of `share`."""
-    return bool(rng.random() < share)

@@ -3,7 +3,7 @@
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont, ImageOps
 
-from pipeline.contrib.toy_objects.model import Palette, Rng
+from pipeline.contrib.toy_objects.model import Palette
 from pipeline.contrib.toy_objects.solids import Material
 
 WORDS = ("OAK", "RIO", "MINT", "NOVA", "ALPS", "REX", "LUNA", "BLUE", "ZEST", "VITA", "KIWI", "FOX")
@@ -24,12 +24,12 @@ def write(image: Image.Image, centre: tuple[float, float], height: float, word: 
     ImageDraw.Draw(image).text(centre, word, ink, ImageFont.load_default(int(height)), anchor="mm")
 
 
-def draw_time(rng: Rng) -> str:
+def draw_time(rng: np.random.Generator) -> str:
     """Draw what a clock shows."""
     return f"{rng.integers(10, 24)}:{rng.integers(10, 60)}"
 
 
-def label(rng: Rng, aspect: float) -> Material:
+def label(rng: np.random.Generator, aspect: float) -> Material:
     """Draw a bottle label `aspect` times as wide as it is high: border, brand, emblem, small print."""
     paper, accent = PAPERS[rng.integers(len(PAPERS))], ACCENTS[rng.integers(len(ACCENTS))]
     width, edge = int(np.clip(96 * aspect, 48, 384)), int(rng.integers(3, 9))
@@ -41,7 +41,7 @@ def label(rng: Rng, aspect: float) -> Material:
     return textured(image)
 
 
-def home_screen(rng: Rng, width: int, height: int) -> Image.Image:
+def home_screen(rng: np.random.Generator, width: int, height: int) -> Image.Image:
     """Draw a lit screen: wallpaper, clock, rows of icons."""
     top, bottom = (tuple(color) for color in rng.integers(20, 200, (2, 3)).tolist())
     image = ImageOps.colorize(Image.linear_gradient("L").resize((width, height)), top, bottom)
@@ -53,7 +53,7 @@ def home_screen(rng: Rng, width: int, height: int) -> Image.Image:
     return image
 
 
-def liquid_crystal(rng: Rng, width: int, height: int) -> Image.Image:
+def liquid_crystal(rng: np.random.Generator, width: int, height: int) -> Image.Image:
     """Draw an old phone's display: signal and battery bars, a word, the time."""
     image = Image.new("RGB", (width, height), DISPLAYS[rng.integers(len(DISPLAYS))])
     for low in np.linspace(0.9, 0.33, 4) * height:

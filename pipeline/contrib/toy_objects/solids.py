@@ -5,13 +5,14 @@ Lengths are millimetres, z is up. Every solid is one closed, outward-wound manif
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
-Rows = Sequence[Sequence[float]] | Array
+Rows = Sequence[Sequence[Any]] | Array
 Color = tuple[int, int, int]
 
 
@@ -90,6 +91,11 @@ def column(
     flat = superellipse(half_u, half_v, exponent, count) * (1.0 + np.reshape(depth, (-1, 1)) * ripples)[..., None]
     u, v, along = flat[..., 0], flat[..., 1] + np.reshape(centre, (-1, 1)), np.broadcast_to(position[:, None], flat.shape[:2])
     return loft(np.roll(np.stack([u, v, along], axis=-1), "xyz".index(axis) + 1, axis=-1))
+
+
+def lathe(rows: Rows, axis: str = "z", count: int = 32) -> Solid:
+    """Loft smoothly along an axis through rows, as `column` takes them."""
+    return column(smooth(rows), axis, count)
 
 
 def bar(rows: Rows, exponent: float = 3.4, trim: Material | None = None, spans: Sequence[Sequence[float]] = ()) -> Solid:

@@ -4,14 +4,31 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field
 
 from pipeline.config.sources import ModelledSource, Object
-from pipeline.contrib.toy_objects import KINDS, generate, maker_module
+from pipeline.contrib.toy_objects import bottle, brush, bulb, cellphone, hand_tools, knife, packages, rifle, tableware, toy
+from pipeline.contrib.toy_objects.model import Model
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.rng import numpy_rng
 
 Category = Literal["bottle", "cellphone", "knife", "rifle", "bowl", "box", "brush", "bulb", "can", "hammer", "mug", "screwdriver", "toy"]
+MAKERS: dict[Category, type[Model]] = {
+    "bottle": bottle.Bottle,
+    "cellphone": cellphone.Cellphone,
+    "knife": knife.Knife,
+    "rifle": rifle.Rifle,
+    "bowl": tableware.Bowl,
+    "box": packages.Box,
+    "brush": brush.Brush,
+    "bulb": bulb.Bulb,
+    "can": packages.Can,
+    "hammer": hand_tools.Hammer,
+    "mug": tableware.Mug,
+    "screwdriver": hand_tools.Screwdriver,
+    "toy": toy.Toy,
+}
 
 
 class Procedural(ModelledSource):
@@ -39,7 +56,7 @@ class Procedural(ModelledSource):
     def mesh(source: Mapping[str, Any]) -> Mesh:
         """Model an object; every kind of its class comes once before any repeats."""
         category, variant, seed = source["category"], source["variant"], source["seed"]
-        order = numpy_rng(seed, "procedural", category).permutation(len(KINDS[category]))
+        order = numpy_rng(seed, "procedural", category).permutation(len(MAKERS[category].kinds))
         return generate(category, numpy_rng(seed, "procedural", category, variant), order[variant % len(order)])
 
     @staticmethod
@@ -50,4 +67,23 @@ class Procedural(ModelledSource):
     @staticmethod
     def module(source: Mapping[str, Any]) -> str:
         """Name the module of its class, which imports no other class's module."""
-        return maker_module(source["category"])
+        return MAKERS[source["category"]].__module__
+
+
+def generate(
+    category: Category,
+    rng: np.random.Generator,  # the same state gives the same mesh, bit for bit, on every x86-64 processor
+    kind: int | None = None,  # which of the class's kinds, counted round; drawn if None
+) -> Mesh:  # m, z up, of roughly real size
+    """Make a new object of a class, all of it drawn from `rng`: closed, outward-wound parts that may overlap.
+
+    Knives, rifles, hammers, screwdrivers and brushes lie along y, what works at +y; the others stand along z: the front
+    of each faces +x, where the supplement's camera stands.
+    """
+    maker = MAKERS[category]
+    number = int(rng.integers(len(maker.kinds))) if kind is None else kind % len(maker.kinds)
+    model = maker(rng)
+    maker.kinds[number](model)
+    for axes, start, end, low, high in maker.proportions:
+        model.stretch(axes, start, end, rng.uniform(low, high))
+    return model.mesh()

@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from pipeline.entries import Entries
 from pipeline.kernels.charts.touch_chart import MAX_SIDE
 from pipeline.kernels.charts.vision_charts import MAX_SPLITS
 from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL
@@ -17,10 +18,8 @@ TouchEdges = Literal["centres", "all"]
 RADIUS = DIAGONAL / 2  # m, of the ball that objects lie in, as networks see them; settings of trainings are for these
 
 
-class NetworkInputs(BaseModel):
+class NetworkInputs(Entries):
     """The inputs of any network that reconstructs, and its image encoder; a family adds its own sizes."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     image: ImageKind | None = None
     """The image it takes, if any; "rendering" is one of several images of the object, each with its own camera; "any"

@@ -2,7 +2,9 @@
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from pipeline.entries import Entries
 
 Lateral = Annotated[float, Field(ge=-1000, le=1000)]
 Position = tuple[Lateral, Lateral, Annotated[float, Field(gt=0, le=1000)]]
@@ -15,13 +17,7 @@ POSITION_TERMS = {(degree + 1) * (degree + 2) // 2: degree for degree in range(7
 SLOPE_TERMS = {count - 1: degree for count, degree in POSITION_TERMS.items() if degree}  # in a normal, without a constant
 
 
-class Entry(BaseModel):
-    """Base of the entries of a sensor file."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Lights(Entry):
+class Lights(Entries):
     """Positions P of the three lamps of equation 5, in sensor widths, along y too, from the corner of pixel (0, 0)."""
 
     red: Annotated[Position, Field(description="x along columns, y along rows, z out of the gel")]
@@ -29,7 +25,7 @@ class Lights(Entry):
     blue: Annotated[Position, Field(description="as red")]
 
 
-class Shadow(Entry):
+class Shadow(Entries):
     """The shadow of one lamp behind a bump of the gel."""
 
     direction: Annotated[float, Field(ge=-360, le=360, description="towards the lamp, degrees from +x to +y")]
@@ -37,7 +33,7 @@ class Shadow(Entry):
     gain: Annotated[Levels, Field(description="levels of red, green, blue per mm that a point lies in the shade")]
 
 
-class Calibration(Entry):
+class Calibration(Entries):
     """A model of colours that was fitted to photographs: a polynomial of the gel's normal, whose coefficients depend on the position."""
 
     coefficients: Annotated[

@@ -13,9 +13,10 @@ from PIL import Image
 from pydantic import ConfigDict, Field, Strict, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
+from pipeline.entries import Entries
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Mask, check_shape
-from pipeline.kernels.touch.optics import Calibration, Entry, Lights
+from pipeline.kernels.touch.optics import Calibration, Lights
 
 MM = 1e3  # millimetres per metre
 MAX_PIXELS_PER_SIDE = 4096  # rows and columns of an image: more than any camera of a sensor has
@@ -24,7 +25,7 @@ Length = Annotated[float, Field(ge=1e-6, le=10)]
 POSE_TOLERANCE = 1e-6  # largest deviation of a pose's axes from orthonormal: the error of float32 arithmetic
 
 
-class Surface(Entry):
+class Surface(Entries):
     """The shape of a gel that is not flat: a bulge of some radius, or a map of heights."""
 
     radius: Annotated[Length | None, Field(description="of a sphere or cylinder whose highest point, in the middle, is w, m")] = None
@@ -51,7 +52,7 @@ class Surface(Entry):
         return self
 
 
-class Gel(Entry):
+class Gel(Entries):
     """An elastic gel: a layer of rubber, bonded to a rigid plate."""
 
     modulus: Annotated[float, Field(gt=0, le=1e12, description="Young's modulus, Pa; a gel's is some 1e5")]
@@ -59,7 +60,7 @@ class Gel(Entry):
     thickness: Annotated[Length | None, Field(description="of the elastic layer, m; by default w")] = None
 
 
-class Sensor(Entry):
+class Sensor(Entries):
     """A gel on a rectangular sensor plane, seen by a camera below it."""
 
     model_config = ConfigDict(serialize_by_alias=True)

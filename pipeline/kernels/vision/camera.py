@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from pipeline.entries import Entries
 from pipeline.kernels.arrays import Array, Floats
 from pipeline.kernels.geometry.transforms import compose, invert_pose, invert_similarity, length, rotation_from_euler
 
@@ -25,10 +26,8 @@ FOCAL, SENSOR = 35.0, 32.0  # mm, of the renderings' camera: focal length, width
 FARTHEST = 1.75  # distance of the renderings' camera from the origin where the ratio is 1, units of the file
 
 
-class Camera(BaseModel):
+class Camera(Entries):
     """A square pinhole camera that looks along its own -z with +y up (OpenGL's and Blender's convention)."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     position: tuple[Coordinate, Coordinate, Coordinate] = Field(description="optical centre, world frame, m")
     rotation: tuple[Angle, Angle, Angle] = Field(

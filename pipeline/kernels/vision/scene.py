@@ -3,8 +3,9 @@
 from enum import IntEnum
 from typing import Annotated, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
+from pipeline.entries import Entries
 from pipeline.kernels.vision.camera import MAX_RESOLUTION, Camera, Coordinate
 
 UnitInterval = Annotated[float, Field(ge=0, le=1)]
@@ -19,10 +20,8 @@ class Label(IntEnum):
     HAND = 2
 
 
-class Lamp(BaseModel):
+class Lamp(Entries):
     """A point light whose intensity falls off with the square of the distance; it casts no shadow."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     position: tuple[Coordinate, Coordinate, Coordinate] = Field(
         description="world frame, m; a surface point at this position is not lit by the lamp"
@@ -73,10 +72,8 @@ def _fit_together(cameras: tuple[NamedCamera, ...]) -> tuple[NamedCamera, ...]:
     return cameras
 
 
-class Scene(BaseModel):
+class Scene(Entries):
     """Describe the surroundings of an object: cameras, a lamp, constant light, a background."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     name: str = Field(description="recorded in datasets")
     summary: str = Field(description="what it shows, in a sentence")

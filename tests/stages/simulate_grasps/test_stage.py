@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipeline.contrib.toy_objects import CATEGORIES, generate
+from pipeline.contrib.toy_objects.source import MAKERS, generate
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
@@ -95,7 +95,7 @@ def test_early_stop_keeps_the_same_grasps() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("category", CATEGORIES)
+@pytest.mark.parametrize("category", MAKERS)
 def test_kept_grasps_touch_with_most_sensors_at_standard_settings(category: str) -> None:
     mesh = normalise_mesh(generate(category, numpy_rng(5, category)), up="z", diagonal=0.5)
     points, normals = sample_exterior(mesh, 10_000, numpy_rng(6, category))
