@@ -12,6 +12,8 @@ import zarr
 from rich.console import Console
 
 from pipeline.console import show_tables
+from pipeline.contrib.report.orderings import Verdict, orderings, orderings_table
+from pipeline.contrib.report.results import trainings_table
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
@@ -28,8 +30,6 @@ from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory, shard_of
 from pipeline.tables.comparison import read_values
 from pipeline.tables.evaluation_tables import evaluation_tables
-from pipeline.tables.orderings import Verdict, orderings, orderings_table
-from pipeline.tables.results import trainings_table
 from stages.evaluate.baselines import BASELINE_PREFIX
 from stages.evaluate.evaluation_files import TABLES_ZARR, Figures, evaluations, read_figures, read_root, read_table, write_evaluation
 from stages.evaluate.measure import Network, make_cases
@@ -340,7 +340,7 @@ def test_orderings_report_each_claim_of_an_evaluation(evaluation):
 
 def test_implicit_networks_have_the_orderings_of_chart_networks(evaluation, monkeypatch):
     values = {f"implicit-{name}": entry for name, entry in read_values([evaluation[0]]).items() if name != "none"}
-    monkeypatch.setattr("pipeline.tables.orderings.read_values", lambda folders: values)
+    monkeypatch.setattr("pipeline.contrib.report.orderings.read_values", lambda folders: values)
     verdicts = {one.claim: one for one in orderings([evaluation[0]])}
     monkeypatch.undo()
     assert {

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from checks.fuzz.target import seal
 from pipeline.cli import app
 from pipeline.config.settings import Settings
+from pipeline.contrib.report.results import results_tables
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
@@ -21,7 +22,6 @@ from pipeline.errors import InvalidInput
 from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.store.directory import DataDirectory
 from pipeline.tables.comparison import scores
-from pipeline.tables.results import results_tables
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import METRICS, read_figures
 from stages.evaluate.files import find_faults, find_files, misplacement, read_surface

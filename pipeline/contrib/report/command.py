@@ -24,9 +24,9 @@ def report(
     The tables show whether the supplement's orderings hold; the pages have a gallery and figures.
     """
     from pipeline.contrib.report.html_report import write_report
+    from pipeline.contrib.report.results import results_tables, training_facts, training_table
     from pipeline.tables.comparison import scores
     from pipeline.tables.evaluation_tables import evaluation_tables
-    from pipeline.tables.results import results_tables, training_facts, training_table
     from stages.evaluate.evaluation_files import evaluations
 
     directory = DataDirectory(data)

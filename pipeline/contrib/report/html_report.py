@@ -23,6 +23,8 @@ from pipeline.contrib.report.figures import CANDIDATES, clearest_grasp, draw_fig
 from pipeline.contrib.report.object_page import ObjectPages
 from pipeline.contrib.report.provenance import commands, contents_table, outside_sweeps, records, settings_tables, versions_tables
 from pipeline.contrib.report.report_source import ReportSource
+from pipeline.contrib.report.results import results_tables, trained_models, training_losses
+from pipeline.contrib.report.results_summary import GIVEN, summarise
 from pipeline.drawing.picture_sheet import spread_evenly
 from pipeline.drawing.plots import draw_bars, draw_curves, draw_errors, draw_histogram
 from pipeline.drawing.written_files import WRITTEN, ObjectCard, Pages, read_list, refuse_links
@@ -34,8 +36,6 @@ from pipeline.store.atomic import atomic_writes
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import changed_files
 from pipeline.store.storage import Location, exists, remove
-from pipeline.tables.results import results_tables, trained_models, training_losses
-from pipeline.tables.results_summary import GIVEN, summarise
 from pipeline.tables.supplement_figures import PAPER
 from pipeline.tables.touch_tables import ObjectTouches, joined, touch_tables
 from pipeline.tradeoff.measured import END_TO_END, read_trades

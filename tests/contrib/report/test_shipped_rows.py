@@ -19,13 +19,13 @@ from pipeline.config.sources import identity
 from pipeline.console import Table
 from pipeline.contrib.report.figures import nearest_middle_farthest
 from pipeline.contrib.report.report_source import ReportSource, errors_table
+from pipeline.contrib.report.results_summary import DEFAULT_SERIES, _ways, summarise
 from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
 from pipeline.models.shipped_weights import DEFAULT
 from pipeline.store.directory import DataDirectory
 from pipeline.tables.comparison import scores
 from pipeline.tables.evaluation_tables import evaluation_tables
-from pipeline.tables.results_summary import DEFAULT_SERIES, _ways, summarise
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import read_figures, read_root

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from pipeline.console import Cell, Columns, Row, Table, pluralise, tabulate
+from pipeline.contrib.report.orderings import orderings, orderings_table
 from pipeline.errors import StoreError, first_line
 from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
@@ -18,7 +19,6 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import exists
 from pipeline.tables.comparison import chamfer_of, read_values
 from pipeline.tables.evaluation_tables import QUALITY_UNITS, evaluation_tables
-from pipeline.tables.orderings import orderings, orderings_table
 from pipeline.tables.supplement_figures import BEST_EPOCH, PAPER
 from pipeline.tables.touch_tables import read_touches, touch_tables
 from pipeline.training.checkpoint import METRICS, read_metrics
