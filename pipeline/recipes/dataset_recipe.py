@@ -221,25 +221,14 @@ def compare(
             if extra := sorted(stored - recipe.rows.keys()):
                 comparison.remarks.append(f"{stage}: {pluralise(len(extra))} not in the recipe ({abbreviate(extra)})")
             roots = _roots_of(collection, recipe.rows, expected.constants, recipe.shards)  # if constants differ, a remark above says so
-            agrees = [root == expected_root for root, expected_root in zip(roots, expected.roots, strict=True)]
-            differing = _without_misprints(stage, differing, agrees, comparison)
+            wrong = {number for number, root in enumerate(roots) if root != expected.roots[number]}
+            if unexplained := sorted(wrong - {shard_of(name, recipe.shards) for name in differing}):
+                comparison.remarks.append(
+                    f"{stage}: each row agrees, but not the root of shard {abbreviate(list(map(str, unexplained)))}: a root, or the split of an "
+                    "object, is wrong in the recipe"
+                )
         if newly_differing := [name for name in differing if name not in differing_before]:
             comparison.differing[stage] = newly_differing
         comparison.following += len(differing) - len(newly_differing)
         differing_before.update(differing)
     return comparison
-
-
-def _without_misprints(stage: str, differing: list[str], agrees: list[bool], comparison: Comparison) -> list[str]:
-    """Compare roots with rows: if the root of a shard agrees, so do its rows, and a digest that differs is an error in the recipe."""
-    shards = len(agrees)
-    if wrong := [name for name in differing if agrees[shard_of(name, shards)]]:
-        comparison.remarks.append(f"{stage}: the recipe's digests of {abbreviate(wrong)} are wrong, for the roots of their shards agree")
-    remaining = [name for name in differing if not agrees[shard_of(name, shards)]]
-    explained = {shard_of(name, shards) for name in remaining}
-    if roots := [str(number) for number, agreed in enumerate(agrees) if not agreed and number not in explained]:
-        comparison.remarks.append(
-            f"{stage}: each row agrees, but not the root of shard {abbreviate(roots)}: a root, or the split of an object, is wrong in the "
-            "recipe"
-        )
-    return remaining

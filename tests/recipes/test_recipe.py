@@ -201,7 +201,7 @@ def test_published_rows_are_compared_without_computing(published: Path, remade: 
     other = change_recipe(published, tmp_path, lambda content: content.update(objects=_other_digest(content["objects"], "rod", 1)))
     code, output = vt("validate", remade[0] / "data", "--recipe", other)
     assert code == 1
-    assert "simulate-grasps: the recipe's digests of rod are wrong, for the roots of their shards agree" in output
+    assert "simulate-grasps: other rows of rod" in output
 
 
 def test_sample_is_made_and_compared(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
