@@ -221,11 +221,11 @@ def compare(
             if extra := sorted(stored - recipe.rows.keys()):
                 comparison.remarks.append(f"{stage}: {pluralise(len(extra))} not in the recipe ({abbreviate(extra)})")
             roots = _roots_of(collection, recipe.rows, expected.constants, recipe.shards)  # if constants differ, a remark above says so
-            wrong = {number for number, root in enumerate(roots) if root != expected.roots[number]}
-            if unexplained := sorted(wrong - {shard_of(name, recipe.shards) for name in differing}):
+            wrong = {shard for shard, root in enumerate(roots) if root != expected.roots[shard]}
+            if unexplained := sorted(map(str, wrong - {shard_of(name, recipe.shards) for name in differing})):
                 comparison.remarks.append(
-                    f"{stage}: each row agrees, but not the root of shard {abbreviate(list(map(str, unexplained)))}: a root, or the split of an "
-                    "object, is wrong in the recipe"
+                    f"{stage}: each row agrees, but not the root of shard {abbreviate(unexplained)}: a root, or the split of an object, is "
+                    "wrong in the recipe"
                 )
         if newly_differing := [name for name in differing if name not in differing_before]:
             comparison.differing[stage] = newly_differing
