@@ -2,15 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
-from pipeline.console import Cell, Columns, Row, Table, pluralise, tabulate
+from pipeline.console import Cell, Row, Table, pluralise
 from pipeline.contrib.report.orderings import orderings, orderings_table
-from pipeline.errors import StoreError, first_line
-from pipeline.formats.description_file import invalid_entries
+from pipeline.errors import StoreError
 from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.models.families import inputs_of
@@ -38,7 +35,7 @@ def results_tables(directory: DataDirectory, evaluated: Sequence[str], scored: S
     if folders:
         tables += [*trainings_table(folders), *orderings_table(orderings(folders))]
     if models := trained_models(directory, evaluated):
-        tables.append(training_table({name: training_facts(directory, folder) for name, folder in models.items()}))
+        tables.append(training_table(directory, models))
     return tables
 
 
@@ -48,67 +45,34 @@ def trained_models(directory: DataDirectory, evaluated: Sequence[str]) -> dict[s
     return {Path(name).name: name for name in names if exists(directory.folder_record(name))}
 
 
-class _Hardware(BaseModel):
-    device: str
-    processes: int
-    threads: int
-    precision: str
-
-
-class _Best(BaseModel):
-    loss: float
-
-
-class _Epoch(_Best):
-    train_loss: float
-
-
-class TrainingFacts(BaseModel):
-    """Facts of a training that a report prints, in the record of the model."""
-
-    parameters: int
-    epochs: int
-    best_epoch: int
-    best: _Best
-    training_seconds: float
-    hardware: _Hardware
-
-
-def training_facts(directory: DataDirectory, name: str) -> TrainingFacts:
-    """Read the facts of a training from the record of its model; raise a `StoreError` if some are missing."""
-    try:
-        return TrainingFacts.model_validate(directory.folder(name).facts)
-    except ValidationError as error:
-        path = directory.folder_record(name)
-        raise StoreError(f"{path}: it lacks facts of a training: {invalid_entries(error)}; delete it and train the model again") from error
-
-
-def training_table(trained: Mapping[str, TrainingFacts]) -> Table:
-    """List each model's training: epochs, loss, time and hardware, by name."""
-
-    def hardware(name: str) -> str:
-        used = trained[name].hardware
-        return f"{used.device}, {pluralise(used.processes, 'process')} of {pluralise(used.threads, 'thread')}, {used.precision}"
-
-    columns: Columns = {
-        "parameters": (",", lambda name: trained[name].parameters),
-        "epochs": ("", lambda name: trained[name].epochs),
-        "best epoch": ("", lambda name: trained[name].best_epoch + 1),
-        f"best in {PAPER}": ("", BEST_EPOCH.get),
-        "validation loss": (".4g", lambda name: trained[name].best.loss),
-        "seconds": (".0f", lambda name: trained[name].training_seconds),
-        "hardware": ("", hardware),
-    }
-    return tabulate("Training", "model", {name: name for name in trained}, columns)
+def training_table(directory: DataDirectory, models: Mapping[str, str]) -> Table:
+    """List the training of each model, a folder by name: epochs, loss, time and hardware."""
+    rows = []
+    for name, folder in models.items():
+        facts = directory.folder(folder).facts
+        try:
+            used = facts["hardware"]
+            hardware = f"{used['device']}, {pluralise(used['processes'], 'process')} of {pluralise(used['threads'], 'thread')}"
+            epochs = [facts["epochs"], facts["best_epoch"] + 1, BEST_EPOCH.get(name), facts["best"]["loss"]]
+            cells = [name, facts["parameters"], *epochs, facts["training_seconds"], f"{hardware}, {used['precision']}"]
+        except (KeyError, TypeError) as error:
+            path = directory.folder_record(folder)
+            raise StoreError(f"{path}: it lacks facts of a training ({error!r}); delete it and train the model again") from error
+        rows.append(Row(cells))
+    columns = ["model", "parameters", "epochs", "best epoch", f"best in {PAPER}", "validation loss", "seconds", "hardware"]
+    return Table("Training", columns, rows, ["", ",", "", "", "", ".4g", ".0f", ""])
 
 
 def training_losses(folder: Path) -> tuple[list[float], list[float]]:
     """Read the training and the validation loss of each epoch from a model's folder; raise a `StoreError` if they are missing."""
     try:
-        epochs = TypeAdapter(Annotated[list[_Epoch], Field(min_length=1)]).validate_python(read_metrics(folder))
-    except ValueError as error:  # pydantic's and those of JSON
-        raise StoreError(f"{folder}: {METRICS} lacks the losses of each epoch ({first_line(error)}); train the model again") from error
-    return [epoch.train_loss for epoch in epochs], [epoch.loss for epoch in epochs]
+        epochs = read_metrics(folder)
+        losses = [[float(epoch[name]) for epoch in epochs] for name in ("train_loss", "loss")]
+    except (ValueError, KeyError, TypeError) as error:
+        raise StoreError(f"{folder}: {METRICS} lacks the losses of each epoch ({error!r}); train the model again") from error
+    if not losses[0]:
+        raise StoreError(f"{folder}: {METRICS} lacks the losses of each epoch: it is empty; train the model again")
+    return losses[0], losses[1]
 
 
 def trainings_table(folders: Sequence[Path]) -> list[Table]:
