@@ -414,7 +414,7 @@ def test_trainings_that_differ_by_seed_are_evaluated_apart_and_shown_together(tm
     attributes = zarr.open_group(folders[1] / TABLES_ZARR).attrs
     settings = attributes["settings"]
     attributes["settings"] = settings | {"grasps": [1, 5]}
-    with pytest.raises(StoreError, match=r"evaluation-\w+ was made with grasps=\[1, 2\], .*seed-1-\w+ with grasps=\[1, 5\]"):
+    with pytest.raises(StoreError, match=r"seed-1-\w+ was made with grasps=\[1, 5\], not \[1, 2\]"):
         read_values(folders)
     attributes["settings"] = {name: value for name, value in settings.items() if name != "rings"}  # as of another version
     for pair in (folders, folders[::-1]):
@@ -422,7 +422,7 @@ def test_trainings_that_differ_by_seed_are_evaluated_apart_and_shown_together(tm
             read_values(pair)
     attributes["settings"] = settings
     zarr.open_group(folders[1] / TABLES_ZARR)["objects/object_id"][0] = "another"
-    with pytest.raises(StoreError, match="evaluate different objects"):
+    with pytest.raises(StoreError, match="was made with other objects"):
         read_values(folders)
 
 

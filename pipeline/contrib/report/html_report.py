@@ -23,8 +23,7 @@ from pipeline.contrib.report.figures import CANDIDATES, clearest_grasp, draw_fig
 from pipeline.contrib.report.object_page import ObjectPages
 from pipeline.contrib.report.provenance import commands, contents_table, outside_sweeps, records, settings_tables, versions_tables
 from pipeline.contrib.report.report_source import ReportSource
-from pipeline.contrib.report.results import results_tables, trained_models, training_losses
-from pipeline.contrib.report.results_summary import GIVEN, summarise
+from pipeline.contrib.report.results import GIVEN, results_tables, summarise, trained_models, training_losses
 from pipeline.drawing.picture_sheet import spread_evenly
 from pipeline.drawing.plots import draw_bars, draw_curves, draw_errors, draw_histogram
 from pipeline.drawing.written_files import WRITTEN, ObjectCard, Pages, read_list, refuse_links

@@ -19,7 +19,7 @@ from pipeline.config.sources import identity
 from pipeline.console import Table
 from pipeline.contrib.report.figures import nearest_middle_farthest
 from pipeline.contrib.report.report_source import ReportSource, errors_table
-from pipeline.contrib.report.results_summary import DEFAULT_SERIES, _ways, summarise
+from pipeline.contrib.report.results import DEFAULT_SERIES, _ways, summarise
 from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
 from pipeline.models.shipped_weights import DEFAULT
