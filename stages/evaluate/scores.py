@@ -38,7 +38,7 @@ from schemas.vision import VISION
 from stages.evaluate.evaluation_files import METHOD_NAME, SHIPPED_ROWS, SHIPPED_SCORES, evaluations, read_root
 from stages.evaluate.files import SUFFIXES, Files, surface_files
 from stages.evaluate.measure import Network, Reconstructor
-from stages.evaluate.stage import Evaluate, GraspMeasuringSettings
+from stages.evaluate.stage import Evaluate, GraspMeasuringSettings, artifacts_of
 
 
 class ScoreSettings(GraspMeasuringSettings):
@@ -171,9 +171,7 @@ def score_shipped(data: Location, console: Console) -> list[str]:
     )
     models = load_rows(dict.fromkeys(rows, shipped_folder()), device_of(settings.accelerator)).items()
     networks = [Network(SHIPPED_ROWS + name.removeprefix(f"{DEFAULT}-"), model, first_only=True) for name, model in models]
-    takes_image, takes_touch = any(network.image for network in networks), any(network.touch for network in networks)
-    artifacts = [*([VISION] if takes_image else []), *([TOUCH, CHARTS] if takes_touch else [])]
-    Score(SHIPPED_SCORES, networks, artifacts).run(directory, settings, console)
+    Score(SHIPPED_SCORES, networks, artifacts_of(rows)).run(directory, settings, console)
     return reasons
 
 

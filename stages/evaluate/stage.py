@@ -4,7 +4,7 @@ import json
 import shlex
 import shutil
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -198,6 +198,13 @@ def _measured(item: "Reconstructor", protocol: "Protocol", job: DatasetJob) -> t
     return rows, surfaces
 
 
+def artifacts_of(configurations: Iterable[str]) -> list[Artifact]:
+    """Name the artifacts that networks take."""
+    networks = [inputs_of(name) for name in configurations]
+    takes_image, takes_touch = any(network.image for network in networks), any(network.touch for network in networks)
+    return [*([VISION] if takes_image else []), *([TOUCH, CHARTS] if takes_touch else [])]
+
+
 class Evaluate(Evaluation):
     """Measure trained networks around the grasps of the test objects, for the supplement's tables."""
 
@@ -207,9 +214,7 @@ class Evaluate(Evaluation):
 
     def inputs(self, settings: EvaluationSettings) -> tuple[Artifact, ...]:
         """Name the artifacts that the networks take, and the grasps, around whose touch sites each is measured."""
-        networks = [inputs_of(name) for name in settings.configurations]
-        takes_image, takes_touch = any(network.image for network in networks), any(network.touch for network in networks)
-        return (SURFACES, GRASPS, *([VISION] if takes_image else []), *([TOUCH, CHARTS] if takes_touch else []))
+        return (SURFACES, GRASPS, *artifacts_of(settings.configurations))
 
     def networks(self, settings: EvaluationSettings) -> dict[str, str]:
         return {name: model_name(name, settings.training_seed) for name in settings.configurations}
