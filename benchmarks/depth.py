@@ -16,7 +16,7 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.ray_depth import box_faces, ray_depth, sphere_traced_depth
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres, sensor_to_world
 from pipeline.kernels.touch.tactile_image import tactile_image
-from stages.render_vision.opengl_context import OpenGLContext
+from stages.render_vision.renderer import OpenGLContext
 
 EYES = {"pyrender, perspective of 40°": 0.0225, "pyrender, parallel rays": None}
 """m from the eye to the gel's face: 40° over the sensor's width is the perspective of the authors' simulator."""

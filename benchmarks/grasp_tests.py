@@ -11,8 +11,7 @@ from benchmarks.mujoco_hold_test import MujocoHoldTest
 from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.physics.hold_test import HOLD_TESTS, HoldTest
-from pipeline.physics.motion import REST, WITHIN, Motion
+from pipeline.physics.hold_test import HOLD_TESTS, REST, WITHIN, HoldTest, Motion
 
 Engine = Literal["pybullet", "mujoco"]
 CLOSING_STAGES, CLOSING_SECONDS = 10, 0.4

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from benchmarks.cases import touched_objects
 from benchmarks.timing import Table, over_items, quantiles, side_by_side, single_call, three_digits
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.kernels.geometry.exterior_sampling import MIN_ESCAPES, EscapeTest, sample_exterior
+from pipeline.kernels.geometry.exterior_sampling import MIN_ESCAPES, RayScene, sample_exterior, spread_directions
 from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
 from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
@@ -94,5 +94,6 @@ def sees_outside(mesh: Mesh, places: NDArray[np.float64], face: NDArray[np.int64
     """Judge along `JUDGES` directions whether each place (N, 3) on a face (N,) of the mesh is exterior."""
     vectors = face_cross_products(mesh.triangles)
     normals = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-    front, back = EscapeTest(mesh, JUDGES).count(np.ascontiguousarray(places), normals[face])
+    scene = RayScene(mesh.vertices, mesh.faces)
+    front, back = scene.count_escapes(np.ascontiguousarray(places), normals[face], spread_directions(JUDGES))
     return np.asarray(front + back >= MIN_ESCAPES)

@@ -74,7 +74,7 @@ class Artifact(Entries):
     version: int
     summary: str
     arrays: Annotated[dict[str, Array], AfterValidator(lambda arrays: {**COMMON, **arrays})]  # those of `COMMON` among them
-    ragged: dict[str, Array] = Field({})
+    ragged: dict[str, Array] = Field(default_factory=dict)
 
     def of(self, name: str) -> Array | None:
         """Find the declaration of an array by name or path, ragged ones included; None if there is none."""

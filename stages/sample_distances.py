@@ -12,13 +12,11 @@ from schemas.base import Artifact
 from schemas.distances import DISTANCES
 from schemas.surfaces import SURFACES
 
-NEAR = 0.75
-"""Share of the points that are near the surface, where a network's answer decides on its shape."""
+NEAR = 0.75  # share of the points that are near the surface, where a network's answer decides on its shape
 SPREAD = (1e-3, 0.05)
 """m, for objects of 0.5 m: least and greatest standard deviation of the points near the surface. Half the thinnest blade is the least;
 each point's is uniform in its logarithm between both."""
-REACH = 0.27
-"""m, likewise: half the side of the cube that the other points fill; objects reach 0.25 m from its middle."""
+REACH = 0.27  # m, likewise: half the side of the cube that the other points fill; objects reach 0.25 m from its middle
 
 
 class DistanceSettings(ObjectSettings):

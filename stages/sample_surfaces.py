@@ -17,7 +17,7 @@ from pipeline.engine.trade import Trade
 from pipeline.engine.unit import Unit
 from pipeline.formats.file_content import is_pointer_file
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.mesh_cleaning import CleaningReport, clean_mesh, normalise_mesh, normalising_transform
+from pipeline.kernels.geometry.mesh_cleaning import CleaningReport, clean_mesh, normalise_mesh
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
 from schemas.surfaces import SURFACES
@@ -75,32 +75,25 @@ class SampleSurfaces(ObjectStage):
     def process(self, unit: Unit, inputs: Inputs, settings: SurfaceSettings) -> Row:
         from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 
-        mesh, placement, report = normalised_mesh(unit.source, settings)
+        source, file, sha256 = unit.source, identity(unit.source), ""
+        if "file" in source:  # its identity is its checksum
+            file, sha256 = Path(source["file"]).relative_to(source["root"]).as_posix(), file
+        mesh, placement, report = normalised_mesh(source, settings)
         points, normals = sample_exterior(mesh, settings.points, unit.rng("sample-surfaces"), directions=settings.directions)
         return {
             "points": points,
             "normals": normals,
             "placement": placement,
-            **_origin(unit.source),
+            "source_file": np.array(file),
+            "source_sha256": np.array(sha256),
+            "licence": np.array(source.get("licence", "")),
+            "metres_per_unit": np.array(source.get("metres_per_unit") or 0.0),
             "unread": np.array("\n".join(mesh.unread)),
             "watertight": np.array(report.watertight),
             "degenerate_faces": np.array(report.degenerate_faces, np.int32),
             "duplicate_faces": np.array(report.duplicate_faces, np.int32),
             **mesh_row(mesh),
         }
-
-
-def _origin(source: Mapping[str, Any]) -> Row:
-    """Describe an object's origin: its file with checksum, licence and unit, or what was modelled."""
-    file, sha256 = identity(source), ""
-    if "file" in source:
-        file, sha256 = Path(source["file"]).relative_to(source["root"]).as_posix(), file
-    return {
-        "source_file": np.array(file),
-        "source_sha256": np.array(sha256),
-        "licence": np.array(source.get("licence", "")),
-        "metres_per_unit": np.array(source.get("metres_per_unit") or 0.0),
-    }
 
 
 def unread_remarks(unread: Mapping[str, Sequence[str]]) -> Iterator[str]:
@@ -113,17 +106,13 @@ def unread_remarks(unread: Mapping[str, Sequence[str]]) -> Iterator[str]:
 def normalised_mesh(
     source: Mapping[str, Any], settings: SurfaceSettings
 ) -> tuple[Mesh, np.ndarray, CleaningReport]:  # world, m; (4, 4) from the file to the world; what was removed
-    """Clean and normalise the mesh of an object's source."""
-    mesh, report = clean_mesh(source_mesh(source), settings.max_faces)
-    options = {"up": source.get("up", "z"), "diagonal": settings.diagonal, "metres_per_unit": source.get("metres_per_unit")}
-    return normalise_mesh(mesh, **options), normalising_transform(mesh, **options), report
-
-
-def source_mesh(source: Mapping[str, Any]) -> Mesh:
-    """Read the mesh of an object from its file, or let its source model it."""
+    """Clean and normalise the mesh of an object's file, or the one that its source models."""
     from pipeline.formats.mesh_reader import load_mesh
 
-    return load_mesh(Path(source["file"]), Path(source["root"])) if "file" in source else modelled(source).mesh(source)
+    read = load_mesh(Path(source["file"]), Path(source["root"])) if "file" in source else modelled(source).mesh(source)
+    mesh, report = clean_mesh(read, settings.max_faces)
+    unit = source.get("metres_per_unit")
+    return *normalise_mesh(mesh, up=source.get("up", "z"), diagonal=settings.diagonal, metres_per_unit=unit), report
 
 
 def coverage(data: Path, reference: Path) -> dict[str, float]:

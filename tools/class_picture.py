@@ -22,7 +22,7 @@ def picture_classes(path: Path) -> None:
     with Renderer(scene, PIXELS) as renderer:
         for number in range(EACH):
             for category in MAKERS:
-                mesh = normalise_mesh(generate(category, numpy_rng(number, category), 4 * number), up="z", diagonal=0.5)
+                mesh, _ = normalise_mesh(generate(category, numpy_rng(number, category), 4 * number), up="z", diagonal=0.5)
                 camera = fitted_camera(scene.square_camera(PIXELS), mesh.vertices)
                 panels.append(("" if number else category, render_mesh(renderer, mesh, camera)))
     draw_row(panels, path, len(MAKERS), inches=0.9)

@@ -131,7 +131,7 @@ def cleaning(shape: Shape) -> float:
 def normalisation(shape: Shape) -> float:
     """Compare with 80-bit arithmetic, m."""
     vertices, faces = shape.mesh
-    found = normalise_mesh(Mesh.bare(vertices, faces), up="z", diagonal=0.5).vertices
+    found = normalise_mesh(Mesh.bare(vertices, faces), up="z", diagonal=0.5)[0].vertices
     precise = vertices.astype(np.longdouble)
     low, high = precise.min(axis=0), precise.max(axis=0)
     wanted = (precise - (low + high) / 2) * (np.longdouble(0.5) / np.sqrt(np.square(high - low).sum())) + POSITION

@@ -29,6 +29,7 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.formats.threemf_package import MODEL
 from stages.registry import load_stage, resolve
 from tests.formats.gltf_builder import Gltf, glb
+from tests.formats.test_collada import ARROW, FILE, POLYGONS, POLYLIST, RED, TEXTURE, TRIANGLE
 
 ASSETS = Path(__file__).parents[2] / "pipeline" / "assets"
 
@@ -222,8 +223,7 @@ class Collada(Meshes):
     """COLLADA files: instances of nodes and of geometries, and a texture."""
 
     def sound(self) -> list[Files]:
-        box = trimesh.creation.box()
-        plain = box.export(file_type="dae")
+        plain = TRIANGLE.replace("SHADER", RED).replace("><", ">\n<").encode()
         head, _, rest = plain.partition(b"<library_visual_scenes>")
         geometry = (
             b"<instance_geometry" + rest.partition(b"<instance_geometry")[2].partition(b"</instance_geometry>")[0] + b"</instance_geometry>"
@@ -233,11 +233,10 @@ class Collada(Meshes):
         scene += b'<instance_node url="#n1"/>\n' + geometry + b"</node></visual_scene></library_visual_scenes>"
         nodes = b'<library_nodes>\n<node id="n0">' + geometry + b"</node>\n" + three + b"</library_nodes>\n<library_visual_scenes>"
         nested = head + nodes + scene + b'<scene><instance_visual_scene url="#scene"/></scene></COLLADA>'
-        image = Image.fromarray(np.arange(48, dtype=np.uint8).reshape(4, 4, 3))
-        box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((8, 2)), image=image)
-        painted = trimesh.exchange.dae.export_collada(box)
-        texture = _png(np.asarray(image))
-        return [{"mesh.dae": plain}, {"mesh.dae": nested}, {"mesh.dae": nested}, {"mesh.dae": painted, "material_0.png": texture}]
+        polygons = FILE.replace("NUMBERS", ARROW).replace("POLYGONS", POLYLIST + POLYGONS).replace("><", ">\n<").encode()
+        painted = TRIANGLE.replace("SHADER", TEXTURE).replace("><", ">\n<").encode()
+        texture = _png(np.arange(48, dtype=np.uint8).reshape(4, 4, 3))
+        return [{"mesh.dae": plain}, {"mesh.dae": nested}, {"mesh.dae": polygons}, {"mesh.dae": painted, "a.png": texture}]
 
 
 class ThreeMF(Meshes):

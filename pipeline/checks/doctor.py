@@ -38,7 +38,7 @@ def examine() -> Iterator[Check]:
 
 def _version(name: str) -> str:
     if name == "pybullet":
-        importlib.import_module("pipeline.physics.client")  # imports it without the line that it prints
+        importlib.import_module("pipeline.physics.simulation")  # imports it without the line that it prints
     module = importlib.import_module(name)
     return str(getattr(module, "__version__", "installed"))
 

@@ -23,7 +23,7 @@ from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes, collision_spheres
 from pipeline.kernels.hand.convex_shapes import buried_gels, convex_error
 from pipeline.kernels.hand.grasp_ik import blocked_fingers, sample_postures
-from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
+from pipeline.kernels.hand.kinematics import forward_kinematics, opening, sensor_poses_from_links, sensor_positions
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import LinkOverlap, frequent_overlaps, remedy
 from pipeline.kernels.touch.depth_maps import gel_surface
@@ -31,7 +31,6 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.hand_urdf import inertia_notes
 from pipeline.rng import numpy_rng
 from stages.simulate_grasps.prepare import MEASURE_SPACING, finger_gap
-from stages.simulate_grasps.size_warnings import opening, sensor_positions
 from stages.simulate_grasps.stage import GraspSettings
 
 POSTURES = 512

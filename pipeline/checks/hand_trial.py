@@ -9,13 +9,13 @@ import trimesh
 from pipeline.console import Meter, errors
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.mesh_cleaning import POSITION
+from pipeline.kernels.hand.kinematics import opening
 from pipeline.physics.simulation import Simulation
 from pipeline.rng import numpy_rng
 from stages.simulate_grasps.grasp_search import GraspSearch
+from stages.simulate_grasps.plans import TouchPlanner
 from stages.simulate_grasps.prepare import prepare_hand, prepare_object
-from stages.simulate_grasps.size_warnings import opening
 from stages.simulate_grasps.stage import GraspSettings
-from stages.simulate_grasps.touch_plan import TouchPlanner
 
 ATTEMPTS = 10
 SHARE = 0.5
@@ -49,7 +49,7 @@ def trial_grasps(path: Path) -> list[str]:
     prepared_ball = prepare_object(ball, ball.vertices, np.asarray(sphere.vertices), reach=prepared.reach)
     with Simulation(prepared.hand) as physics, Meter(errors, "trial grasps", ATTEMPTS, "attempts", after=1.0) as meter:
         physics.load(ball)
-        search = GraspSearch(prepared, prepared_ball, physics, settings, TouchPlanner(prepared, prepared_ball, settings))
+        search = GraspSearch(TouchPlanner(prepared, prepared_ball, settings), physics)
         attempts = []
         for number in range(ATTEMPTS):
             attempts.append(search.attempt(numpy_rng(0, "check", prepared.hand.name, number)))

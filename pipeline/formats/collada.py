@@ -1,202 +1,277 @@
-"""COLLADA files: the images that they name, and what trimesh reads wrongly: effects, and concave polygons, cut into fans."""
+"""COLLADA files: the polygons of the scene that they show, with the colours, opacities and textures of their effects (COLLADA 1.4.1)."""
 
-import html
-import re
+from collections import ChainMap
 from collections.abc import Iterator, Mapping
-from xml.etree import ElementTree
-from xml.etree.ElementTree import Element, SubElement
+from typing import NamedTuple
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.file_content import decode_text
-from pipeline.formats.mesh_parts import check_corners, is_concave, read_numbers, triangulate
-from pipeline.kernels.arrays import Array
+from pipeline.formats.file_content import parse_xml
+from pipeline.formats.mesh_companions import Companions
+from pipeline.formats.mesh_parts import (
+    MAX_DEPTH,
+    MAX_INSTANCES,
+    WHITE,
+    build_part,
+    check_count,
+    cut_polygons,
+    eight_bits,
+    pose_matrix,
+    posed,
+    read_numbers,
+    strip_corners,
+)
+from pipeline.formats.textures import Textures
+from pipeline.kernels.arrays import Array, Integers
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.transforms import compose, sin_cos
 
-IMAGE = re.compile(rb"<image\b([^>]*)>(?:(?!</?image\b).)*?<init_from>([^<]*)</init_from>", re.DOTALL)
-"""An image with its file. Surfaces contain `init_from` too, but with the id of an image."""
-ID = re.compile(rb"\bid\s*=\s*[\"']([^\"']*)")
-COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
-ENCODING = re.compile(rb"^\s*<\?xml[^>]*\bencoding\s*=\s*[\"']([\w-]+)")
-EFFECTS = re.compile(rb"<library_effects\b.*?</library_effects>", re.DOTALL)
-NOT_READ = {
-    rb"instance_controller\b": "a skin or a morph (instance_controller)",
-    rb"skew\b": "a skewed node",
-    rb"lookat\b[^<]*</(\w+:)?lookat>((?!</?(\w+:)?node\b).)*<(\w+:)?instance_(geometry|node)\b": "a node that looks at a point",
-    rb"ph\b": "polygons with holes",
-    rb"brep\b": "curved surfaces (brep)",
+SURFACES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
+UNREAD_SHAPES = {
+    "instance_controller": "a skin or a morph (instance_controller)",
+    "skew": "a skewed node",
+    "lookat": "a node that looks at a point",
+    "ph": "polygons with holes",
+    "brep": "curved surfaces (brep)",
 }
-"""What changes the shape and is not read, by the first element of it."""
-SCENE = re.compile(rb"<(\w+:)?instance_visual_scene\b")
+"""Elements that change the shape and are not read."""
 SHADERS = ("phong", "lambert", "blinn", "constant")
 LUMINANCE = np.array([0.212671, 0.71516, 0.072169])
 """Of linear red, green and blue, as COLLADA 1.4.1 weighs them for RGB_ZERO."""
-POLYGONS = re.compile(rb"<(polylist|polygons)\b([^>]*)>(.*?)</\1>", re.DOTALL)
-VERTICES = re.compile(rb"<vertices\b([^>]*)>(.*?)</vertices>", re.DOTALL)
-INPUT = re.compile(rb"<input\b[^>]*>")
-CORNERS = re.compile(rb"<p>([^<]*)</p>")
-SIZES = re.compile(rb"<vcount>([^<]*)</vcount>")
-POSITIONS = rb"<source\b[^>]*\bid\s*=\s*[\"']%s[\"'].*?<float_array\b[^>]*>([^<]*)<.*?<accessor\b([^>]*)"
-"""The numbers of a source, and the attributes of its accessor."""
 
 
-def image_names(content: bytes) -> Iterator[tuple[str, str]]:
-    """List the images of a file: id, and name of the file that holds it."""
-    for attributes, name in IMAGE.findall(content):
-        identity = ID.search(attributes)
-        yield _text(identity[1]) if identity else "", _text(name)
+def read_collada(file: Companions, textures: Textures) -> Iterator[Mesh]:
+    """Read the surfaces of the scene that a COLLADA file shows, each in its pose, in its own unit and axes."""
+    return _Document(parse_xml(file.content), textures).scene()
 
 
-def check_shape(content: bytes) -> None:
-    """Refuse a file without a scene, or with shapes that are not read."""
-    text = COMMENT.sub(b"", content)
-    for pattern, name in NOT_READ.items():
-        if re.search(rb"<(\w+:)?" + pattern, text, re.DOTALL):
-            raise InvalidInput(f"it has {name}, which cannot be read; export it as GLB")
-    if b"COLLADA" in text and not SCENE.search(text):
-        raise InvalidInput("it shows no scene (instance_visual_scene); export it again")
+class _Part(NamedTuple):
+    """The corners of the triangles of a part: positions (3 T, 3), texture coordinates (3 T, 2) and colours (3 T, 4)."""
+
+    symbol: str  # of its material
+    positions: Array
+    uv: Array | None
+    color: NDArray[np.uint8] | None
 
 
-def rewrite_effects(content: bytes, unread: list[str]) -> tuple[bytes, set[str]]:
-    """Rewrite effects: opacity as the one number that trimesh reads; emission, where it is the only colour, as diffuse.
+class _Document:
+    def __init__(self, root: Element, textures: Textures) -> None:
+        self._root, self._textures, self._unread = root, textures, textures.unread
+        for element in root.iter():
+            element.tag = element.tag.rpartition(":")[2]
+        self._by_id = _by_id(root)
+        self._parts: dict[str, list[_Part]] = {}
+        self._looks: dict[str, tuple[NDArray[np.uint8], NDArray[np.uint8] | None]] = {}
+        self._instances = 0
 
-    Also return the names of the files whose alpha is an opacity: by `<transparent>`, COLLADA 1.4.1, chapter 7.
-    """
-    files, transparent = dict(image_names(content)), set[str]()
-    encoding = ENCODING.match(content)
+    def scene(self) -> Iterator[Mesh]:
+        """Build the surfaces of the scene that the file shows."""
+        shown = self._root.find("scene/instance_visual_scene")
+        scene = None if shown is None else self._named(shown.get("url"))
+        if scene is None:
+            raise InvalidInput("it shows no scene (instance_visual_scene); export it again")
+        for node in scene.findall("node"):
+            yield from self._node(node, np.eye(4), 0)
 
-    def rewrite(effects: re.Match[bytes]) -> bytes:
-        try:
-            parser = ElementTree.XMLParser(encoding=encoding[1].decode() if encoding else "utf-8")
-            library = ElementTree.fromstring(effects[0], parser)
-        except (ElementTree.ParseError, ValueError, LookupError):  # a prefix, another encoding, or damaged, as the reader says
-            return effects[0]
-        for effect in library.iter("effect"):
-            params = {param.get("sid"): param for param in effect.iter("newparam")}
-            for name, wrap in _wraps(effect, params):
-                unread.append(f"{files.get(name, name)} repeats where coordinates are outside 0 to 1; the file says {wrap}")
-            for shader in [part for part in effect.iter() if part.tag in SHADERS]:
-                _show_emission(shader)
-                image = _set_opacity(shader)
-                if image == "":
-                    unread.append(f"the texture of opacities of effect {effect.get('id')} is not read")
-                elif image is not None:
-                    transparent.add(files.get(_image_id(image, params), ""))
-        return bytes(ElementTree.tostring(library))
+    def _named(self, url: str | None) -> Element | None:
+        return _target(url, self._by_id)
 
-    return EFFECTS.sub(rewrite, content), transparent
+    def _node(self, node: Element, pose: Array, depth: int) -> Iterator[Mesh]:
+        self._instances += 1
+        check_count("nodes", self._instances, MAX_INSTANCES, "merge its objects")
+        check_count("levels of nodes", depth, MAX_DEPTH, "one may contain itself; merge its objects")
+        if next(node.iter("instance_controller"), None) is not None:
+            raise _unread_shape("instance_controller")
+        if all(next(node.iter(tag), None) is None for tag in ("instance_geometry", "instance_node")):
+            return  # of cameras and lights
+        for part in node:
+            pose = compose(pose, _transform(part))
+        for part in node:
+            if part.tag == "node":
+                yield from self._node(part, pose, depth + 1)
+            elif part.tag in ("instance_node", "instance_geometry"):
+                if (target := self._named(part.get("url"))) is None:
+                    self._unread.append(f"{part.tag} {part.get('url')} is skipped; it is not in the file")
+                elif part.tag == "instance_node":
+                    yield from self._node(target, pose, depth + 1)
+                else:
+                    yield from self._geometry(target, part, pose)
+
+    def _geometry(self, geometry: Element, instance: Element, pose: Array) -> Iterator[Mesh]:
+        name = geometry.get("id", "")
+        if name not in self._parts:
+            if geometry.find("brep") is not None:
+                raise _unread_shape("brep")
+            names = ChainMap(_by_id(geometry), self._by_id)  # some programs use the same ones in several geometries
+            self._parts[name] = [self._part(surface, names) for surface in geometry.findall("mesh/*") if surface.tag in SURFACES]
+        materials = {bound.get("symbol"): bound.get("target") for bound in instance.iter("instance_material")}
+        for part in self._parts[name]:
+            faces = np.arange(len(part.positions)).reshape(-1, 3)
+            color, image = self._look(materials.get(part.symbol))
+            vertices, faces = posed(pose, part.positions, faces)
+            yield build_part(
+                vertices,
+                faces,
+                face_color=None if color is None else np.tile(color, (len(faces), 1)),
+                vertex_color=part.color,
+                uv=part.uv,
+                page=np.zeros(len(faces), np.int64),
+                textures=(image,),
+            )
+
+    def _part(self, surface: Element, names: Mapping[str, Element]) -> _Part:
+        """Read the triangles of a surface."""
+        if surface.find("ph") is not None:
+            raise _unread_shape("ph")
+        inputs = dict[str, tuple[int, Array]]()  # offset among the numbers of a corner, and values; the first of each meaning
+        stride = 1
+        for given in surface.findall("input"):
+            offset, source = int(given.get("offset", 0)), _target(given.get("source"), names)
+            stride = max(stride, offset + 1)
+            is_vertex = given.get("semantic") == "VERTEX" and source is not None
+            for named in source.findall("input") if is_vertex and source is not None else [given]:
+                inputs.setdefault(named.get("semantic", ""), (offset, _source(named.get("source"), names)))
+        corners, sizes = _polygons(surface, stride)
+        if not len(corners):
+            return _Part("", np.empty((0, 3)), None, None)
+        if "POSITION" not in inputs:
+            raise InvalidInput(f"{surface.tag} of it have no positions; export it again")
+        offset, positions = inputs["POSITION"]
+        triangles, _ = cut_polygons(corners[:, offset], sizes, positions, self._unread)
+        of = {meaning: _rows(values, corners[triangles.ravel(), column]) for meaning, (column, values) in inputs.items()}
+        uv, color = of.get("TEXCOORD"), of.get("COLOR")
+        color = None if color is None or color.shape[1] not in (3, 4) else eight_bits(color, fractions=True)
+        return _Part(surface.get("material", ""), of["POSITION"][:, :3], None if uv is None else uv[:, :2], color)
+
+    def _look(self, material: str | None) -> tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None]:
+        """Read colour (4,) and texture of a material; none of one that is not in the file."""
+        key = material or ""
+        if key not in self._looks:
+            instance = None if (named := self._named(material)) is None else named.find("instance_effect")
+            effect = None if instance is None else self._named(instance.get("url"))
+            if effect is None:
+                return None, None
+            self._looks[key] = self._paint(effect)
+        return self._looks[key]
+
+    def _paint(self, effect: Element) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+        """Read the colour (4,) and the texture of an effect: emission, where it is the only colour."""
+        params = {param.get("sid"): param for param in effect.iter("newparam")}
+        for sampler in effect.iter("sampler2D"):
+            if wraps := [wrap for axis in "st" if (wrap := sampler.findtext(f"wrap_{axis}", "WRAP").strip()) != "WRAP"]:
+                image = self._image(sampler.findtext("source", ""), params)
+                self._unread.append(f"{image} repeats where coordinates are outside 0 to 1; the file says {wraps[0]}")
+        shader = next((part for part in effect.iter() if part.tag in SHADERS), Element("constant"))
+        diffuse, emission, transparent = (_first(shader.find(name)) for name in ("diffuse", "emission", "transparent"))
+        shown = emission if _shows(emission) and not _shows(diffuse) else diffuse
+        mode = shader.find("transparent").get("opaque", "A_ONE") if transparent is not None else "A_ONE"  # type: ignore[union-attr]
+        opaque, stated = True, [1.0, 1.0, 1.0, 1.0]
+        if transparent is not None and transparent.tag == "texture":
+            opaque = mode != "A_ONE" or shown is None or shown.get("texture") != transparent.get("texture")
+            if opaque:
+                self._unread.append(f"the texture of opacities of effect {effect.get('id')} is not read")
+            mode = "A_ONE"
+        elif len(numbers := _numbers(transparent)) == 4:
+            stated = numbers
+        factor = (_numbers(_first(shader.find("transparency"))) or [1.0])[0]
+        amount = factor * (float(LUMINANCE @ stated[:3]) if mode.startswith("RGB") else stated[3])
+        color, image = np.array(WHITE, np.uint8), None
+        if shown is not None and shown.tag == "texture":
+            image = self._textures.find(self._image(shown.get("texture", ""), params), opaque=opaque)
+        elif len(numbers := _numbers(shown)) >= 3:
+            color[:3] = np.rint(255 * np.clip(numbers[:3], 0, 1))
+        color[3] = round(255 * float(np.clip(1 - amount if mode.endswith("ZERO") else amount, 0, 1)))
+        return color, image
+
+    def _image(self, name: str, params: Mapping[str | None, Element]) -> str:
+        """Name the file of a texture: by its sampler, surface and image, or by some of them."""
+        for path in ("sampler2D/source", "surface/init_from"):
+            if name in params:
+                name = (params[name].findtext(path) or name).strip()
+        image = self._by_id.get(name)
+        return name if image is None else (image.findtext("init_from") or name).strip()
 
 
-def _show_emission(shader: Element) -> None:
-    emission, diffuse = shader.find("emission"), shader.find("diffuse")
-    if emission is None or not _shows(emission) or (diffuse is not None and _shows(diffuse)):
-        return
-    if diffuse is not None:
-        shader.remove(diffuse)
-    emission.tag = "diffuse"
+def _by_id(root: Element) -> dict[str, Element]:
+    return {name: element for element in root.iter() if (name := element.get("id"))}
 
 
-def _shows(part: Element) -> bool:
-    return part.find("texture") is not None or any(_numbers(part.find("color"))[:3])
+def _target(url: str | None, names: Mapping[str, Element]) -> Element | None:
+    return names.get((url or "").removeprefix("#"))
 
 
-def _set_opacity(shader: Element) -> str | None:
-    """Replace what a shader says of opacity by one number, the last of `<transparent>`'s colour.
-
-    Return the texture whose alpha multiplies it, as the shader names it; "" where it is not that of the diffuse colour, None without one.
-    """
-    transparent, transparency = shader.find("transparent"), shader.find("transparency")
-    factors = [] if transparency is None else _numbers(transparency.find("float"))
-    factor, image, mode = (factors or [1.0])[0], None, "A_ONE"
-    color = [1.0, 1.0, 1.0, 1.0]
-    if transparent is not None:
-        mode, texture = transparent.get("opaque", mode), transparent.find("texture")
-        stated = _numbers(transparent.find("color"))
-        color = stated if len(stated) == 4 else color
-        if texture is not None:
-            same = mode == "A_ONE" and texture.get("texture") in {part.get("texture") for part in shader.findall("diffuse/texture")}
-            image, mode = texture.get("texture") if same else "", "A_ONE"
-    amount = factor * (float(LUMINANCE @ color[:3]) if mode.startswith("RGB") else color[3])
-    for part in (transparent, transparency):
-        if part is not None:
-            shader.remove(part)
-    opacity = float(np.clip(1 - amount if mode.endswith("ZERO") else amount, 0, 1))
-    SubElement(SubElement(shader, "transparent"), "color").text = f"1 1 1 {opacity!r}"
-    return image
+def _source(url: str | None, names: Mapping[str, Element]) -> Array:
+    """Read the numbers (N, columns) of a source, without columns that have no name."""
+    source = _target(url, names)
+    accessor = None if source is None else source.find("technique_common/accessor")
+    numbers = None if source is None or accessor is None else _target(accessor.get("source"), names)
+    if accessor is None or numbers is None:
+        raise InvalidInput(f"it names the source {url}, which is not there; export it again")
+    stride, offset = int(accessor.get("stride", 1)), int(accessor.get("offset", 0))
+    table = read_numbers((numbers.text or "").encode())[offset:]
+    columns = [number for number, param in enumerate(accessor.findall("param")) if param.get("name")]
+    return table[: len(table) // stride * stride].reshape(-1, stride)[:, columns or range(stride)]
 
 
-def _wraps(effect: Element, params: Mapping[str | None, Element]) -> Iterator[tuple[str, str]]:
-    """List the images that an effect does not repeat in both directions, and what it does."""
-    for sampler in effect.iter("sampler2D"):
-        wraps = [wrap for axis in "st" if (wrap := sampler.findtext(f"wrap_{axis}", "WRAP").strip()) != "WRAP"]
-        if wraps:
-            yield _image_id(sampler.findtext("source", ""), params), wraps[0]
+def _unread_shape(tag: str) -> InvalidInput:
+    return InvalidInput(f"it has {UNREAD_SHAPES[tag]}, which cannot be read; export it as GLB")
 
 
-def _image_id(name: str, params: Mapping[str | None, Element]) -> str:
-    for path in ("sampler2D/source", "surface/init_from"):
-        if name in params:
-            name = (params[name].findtext(path) or name).strip()
-    return name
+def _transform(part: Element) -> Array:
+    """Read a part of the pose of a node, (4, 4)."""
+    if part.tag in ("skew", "lookat"):
+        raise _unread_shape(part.tag)
+    if part.tag not in ("matrix", "translate", "rotate", "scale"):
+        return np.eye(4)
+    numbers = read_numbers((part.text or "").encode())
+    if part.tag == "matrix":
+        return numbers.reshape(4, 4)
+    if part.tag == "rotate":
+        sine, cosine = sin_cos(np.radians(numbers[3]) / 2)
+        axis = numbers[:3] / max(float(np.linalg.norm(numbers[:3])), 1e-300)
+        return pose_matrix((0, 0, 0), (*(axis * sine), cosine), (1, 1, 1))
+    moves = part.tag == "translate"
+    return pose_matrix(numbers if moves else (0, 0, 0), (0, 0, 0, 1), (1, 1, 1) if moves else numbers)
 
 
-def _numbers(part: Element | None) -> list[float]:
-    """Read the numbers of an element; none where it is missing or has other words."""
+def _polygons(surface: Element, stride: int) -> tuple[Integers, Integers]:
+    """Read the corners (C, stride) of a surface's polygons, one after the other, and the number of corners of each."""
+    rows = [read_numbers((part.text or "").encode()).astype(np.int64).reshape(-1, stride) for part in surface.findall("p")]
+    if surface.tag in ("tristrips", "trifans"):
+        rows = [row[strip_corners(len(row), fan=surface.tag == "trifans").ravel()] for row in rows]
+    corners = np.concatenate([np.empty((0, stride), np.int64), *rows])
+    if surface.tag == "polylist":
+        sizes = read_numbers(surface.findtext("vcount", "").encode()).astype(np.int64)
+    elif surface.tag == "polygons":
+        sizes = np.array([len(row) for row in rows], np.int64)
+    else:
+        sizes = np.full(len(corners) // 3, 3)
+    if sizes.sum() != len(corners):
+        raise InvalidInput(f"{surface.tag} of it have {len(corners)} corners, not {sizes.sum()}; the file is damaged")
+    return corners, sizes
+
+
+def _rows(values: Array, rows: Integers) -> Array:
+    if rows.size and not (rows.min() >= 0 and rows.max() < len(values)):
+        raise InvalidInput(f"a corner names a row outside 0..{len(values) - 1} of a source; the file is damaged")
+    return values[rows]
+
+
+def _first(part: Element | None) -> Element | None:
+    return None if part is None else next(iter(part), None)
+
+
+def _shows(color: Element | None) -> bool:
+    return color is not None and (color.tag == "texture" or any(_numbers(color)[:3]))
+
+
+def _numbers(element: Element | None) -> list[float]:
+    """Read finite numbers; none if there is another word."""
     try:
-        numbers = [] if part is None else [float(word) for word in (part.text or "").split()]
+        numbers = [float(word) for word in (element.text or "").split()] if element is not None else []
     except ValueError:
         return []
     return numbers if np.isfinite(numbers).all() else []
-
-
-def _text(name: bytes) -> str:
-    return html.unescape(decode_text(name)).strip()
-
-
-def cut_concave(content: bytes) -> bytes:
-    """Write the polygons of a COLLADA file as triangles where one of them is concave; those that are not understood stay."""
-    sources = {_attribute(vertices[1], b"id"): _source_id(vertices[2], b"POSITION") for vertices in VERTICES.finditer(content)}
-
-    def rewrite(polygons: re.Match[bytes]) -> bytes:
-        inputs, numbers = INPUT.findall(polygons[3]), CORNERS.findall(polygons[3])
-        offsets = [int(_attribute(given, b"offset") or 0) for given in inputs]
-        vertices = _positions(content, sources.get(_source_id(polygons[3], b"VERTEX"), b""))
-        if vertices is None or not numbers:
-            return polygons[0]
-        stride = max(offsets) + 1
-        corners = read_numbers(b" ".join(numbers)).astype(np.int64).reshape(-1, stride)
-        counts = SIZES.search(polygons[3])
-        sizes = read_numbers(counts[1]).astype(np.int64) if counts else np.array([len(text.split()) // stride for text in numbers])
-        column = next(offset for offset, given in zip(offsets, inputs, strict=True) if _attribute(given, b"semantic") == b"VERTEX")
-        check_corners(corners[:, column], len(vertices))
-        if sizes.sum() != len(corners) or not _any_concave(corners[:, column], sizes, vertices):
-            return polygons[0]
-        triangles, _ = triangulate(corners[:, column], sizes, vertices)
-        listed = " ".join(map(str, corners[triangles].ravel().tolist())).encode()
-        attributes = re.sub(rb"\bcount\s*=\s*[\"'][^\"']*[\"']", b"", polygons[2])
-        return b'<triangles count="%d"%s>%s<p>%s</p></triangles>' % (len(triangles), attributes, b"".join(inputs), listed)
-
-    return POLYGONS.sub(rewrite, content)
-
-
-def _any_concave(corners: NDArray[np.int64], sizes: NDArray[np.int64], vertices: Array) -> bool:
-    firsts = np.cumsum(sizes) - sizes
-    several = ((firsts[sizes == size, None] + np.arange(size)) for size in np.unique(sizes[sizes > 3]))
-    return any(bool(is_concave(vertices[corners[rows]]).any()) for rows in several)
-
-
-def _positions(content: bytes, source: bytes) -> Array | None:
-    """Read the positions (V, 3) of a source; None where there is none of this name."""
-    match = re.search(POSITIONS % re.escape(source), content, re.DOTALL) if source else None
-    return None if match is None else read_numbers(match[1]).reshape(-1, int(_attribute(match[2], b"stride") or 1))[:, :3]
-
-
-def _source_id(text: bytes, semantic: bytes) -> bytes:
-    named = (_attribute(given, b"source") for given in INPUT.findall(text) if _attribute(given, b"semantic") == semantic)
-    return next(named, b"").removeprefix(b"#")
-
-
-def _attribute(text: bytes, name: bytes) -> bytes:
-    match = re.search(rb"\b" + name + rb"\s*=\s*[\"']([^\"']*)", text)
-    return match[1] if match else b""

@@ -5,6 +5,8 @@ import os
 import re
 import stat
 from pathlib import Path
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
 
 from pipeline.errors import InvalidInput
 
@@ -141,6 +143,15 @@ def without_mark(path: object, content: bytes) -> bytes:
     except UnicodeDecodeError as error:
         raise InvalidInput(f"{path} begins like text in {MARKS[mark].upper()} and is not; save it as UTF-8") from error
     return XML_ENCODING.sub(r"\1", text).encode()
+
+
+def parse_xml(content: bytes | str) -> Element:
+    """Parse XML whose prefixes need no declaration, and stay."""
+    tree, parser = TreeBuilder(), expat.ParserCreate()
+    parser.buffer_text = True
+    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = tree.start, tree.end, tree.data
+    parser.Parse(content, True)
+    return tree.close()
 
 
 def decode_text(content: bytes) -> str:

@@ -5,10 +5,10 @@ import re
 from contextlib import suppress
 from pathlib import Path
 
-from pipeline.formats.collada import COMMENT
 from pipeline.formats.file_content import without_mark
 from pipeline.formats.threemf_package import HEAD_BYTES, Package
 
+COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.3048}  # metres per unit, by its sign
 LEAST_UNIT, GREATEST_UNIT = 1e-9, 1e9  # bounds of metres per unit: in others, sizes round to 0 or overflow
 MAX_LISTING = 2**20  # bytes that are read at a time of the list of a 3MF file's members: 10,000 of them

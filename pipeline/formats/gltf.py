@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import refuse_foreign
+from pipeline.formats.mesh_parts import strip_corners
 from pipeline.kernels.arrays import Array
 
 MAX_ENTRIES = 1_000_000  # maximum number of commas and opening brackets in the JSON: each may take a hundred bytes
@@ -22,7 +23,7 @@ COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5
 """The types of an accessor's components (glTF 2.0, section 3.6.2.2)."""
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 """The numbers of components of the types of accessors that a mesh uses."""
-TRIANGLES, STRIP, FAN = SURFACES = (4, 5, 6)  # modes of primitives that are surfaces; others are points and lines
+TRIANGLES, STRIP, _ = SURFACES = (4, 5, 6)  # modes of primitives that are surfaces; others are points and lines
 COMPRESSION = re.compile("compress", re.IGNORECASE)
 """Extensions that encode arrays; each array or primitive says whether it is encoded."""
 SAME_SHAPE = re.compile(
@@ -237,10 +238,6 @@ class Primitive:
             if len(corners) % 3:
                 raise InvalidInput(f"a list of triangles has {len(corners)} corners, not three per face; export it again")
             return corners.reshape(-1, 3)
-        if mode == STRIP:
-            faces = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
-            faces[1::2] = faces[1::2, ::-1]
-        else:
-            faces = np.stack([corners[1:-1], corners[2:], np.broadcast_to(corners[:1], max(len(corners) - 2, 0))], axis=1)
+        faces = corners[strip_corners(len(corners), fan=mode != STRIP)]
         with_area = (faces != np.roll(faces, 1, axis=1)).all(axis=1)  # strips are joined by faces without
         return np.asarray(faces[with_area])

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from trimesh.visual.color import linear_to_srgb, srgb_to_linear
 
 from pipeline.formats.gltf import Document, Primitive, one_line, table
-from pipeline.formats.mesh_parts import GREY, MAX_UV, WHITE, Decode, check_count
+from pipeline.formats.mesh_parts import GREY, MAX_UV, WHITE, check_count
+from pipeline.formats.textures import Textures
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Look
 from pipeline.kernels.geometry.transforms import sin_cos
@@ -31,10 +32,10 @@ WRAPS: dict[Any, Wrap] = {33071: "clamp", 33648: "mirror"}
 
 
 class Looks:
-    """The materials and textures of a file; `unread` gets what of them is not read."""
+    """The materials and textures of a file."""
 
-    def __init__(self, document: Document, decode: Decode, unread: list[str]) -> None:
-        self._document, self._decode, self._unread = document, decode, unread
+    def __init__(self, document: Document, textures: Textures) -> None:
+        self._document, self._textures, self._unread = document, textures, textures.unread
         self._images: dict[int, NDArray[np.uint8] | None] = {}
         self._brightest: dict[int, Array] = {}
         self._cut: dict[tuple[int, float], NDArray[np.uint8]] = {}
@@ -108,7 +109,7 @@ class Looks:
     def _image(self, number: int) -> NDArray[np.uint8] | None:
         if number not in self._images:
             name, content = self._document.image(number)
-            image = None if content is None else self._decode(name, content)  # one that is missing is listed already
+            image = None if content is None else self._textures.read(name, content)  # one that is missing is listed already
             self._images[number] = image
             if image is not None:
                 self._brightest[id(image)] = srgb_to_linear(image[..., :3].max(axis=(0, 1)))

@@ -7,26 +7,26 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.gltf import SURFACES, TRIANGLES, Document, Primitive, entries_of, foreign_extensions, one_line, table
 from pipeline.formats.gltf_look import Looks
 from pipeline.formats.mesh_companions import Companions
-from pipeline.formats.mesh_parts import Decode, check_mesh
-from pipeline.kernels.arrays import Array, Mask
+from pipeline.formats.mesh_parts import check_mesh, mirrors, pose_matrix
+from pipeline.formats.textures import Textures
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Look, Mesh
-from pipeline.kernels.geometry.transforms import compose, transform_points, unit_vectors
+from pipeline.kernels.geometry.transforms import compose, transform_points
 
 REST = {"TRANSLATION": (0.0, 0.0, 0.0), "ROTATION": (0.0, 0.0, 0.0, 1.0), "SCALE": (1.0, 1.0, 1.0)}
 """The parts of the pose of a node or an instance, each with its default."""
 
 
-def read_gltf(companions: Companions, decode: Decode) -> list[Mesh]:
+def read_gltf(companions: Companions, textures: Textures) -> list[Mesh]:
     """Read the surfaces of the scene that a glTF file shows, each in its pose, m, y up; list what is skipped as unread."""
     document = Document(companions.file_name, companions.content, lambda uri: companions[uri] if uri in companions.paths else None)
     companions.unread += [f"its extension {name} is not read" for name in foreign_extensions(document.tree, "extensionsUsed")]
-    nodes = _Nodes(document, Looks(document, decode, companions.unread), companions.unread)
+    nodes = _Nodes(document, Looks(document, textures), companions.unread)
     meshes: list[Mesh] = []
     faces = vertices = 0
     for number in nodes.shown:
@@ -53,9 +53,9 @@ def _placed(part: _Part, poses: Array, skin: Array | None) -> Mesh:
     points, faces, look = part.points, part.primitive.faces, part.look
     if skin is not None:
         points = _deform(points, part.primitive, skin)
-        faces = faces[:, ::-1] if _mirrors(skin).all() else faces
+        faces = faces[:, ::-1] if mirrors(skin).all() else faces
     faces = faces + len(points) * np.arange(len(poses))[:, None, None]  # (I, F, 3)
-    faces = np.where(_mirrors(poses)[:, None, None], faces[..., ::-1], faces)
+    faces = np.where(mirrors(poses)[:, None, None], faces[..., ::-1], faces)
     if len(poses) > 1:
         colors = None if look.vertex_color is None else np.tile(look.vertex_color, (len(poses), 1))
         uv, material = np.tile(look.uv, (len(poses), 1)), np.tile(look.face_material, len(poses))
@@ -181,23 +181,3 @@ def _pose(node: dict[str, Any]) -> Array:
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     return pose_matrix(*(node.get(name.lower(), default) for name, default in REST.items()))
-
-
-def pose_matrix(translation: ArrayLike, rotation: ArrayLike, scale: ArrayLike) -> Array:
-    """Compose translations (..., 3), quaternions x, y, z, w (..., 4) of any length and scales (..., 3) into matrices (..., 4, 4)."""
-    x, y, z, w = np.moveaxis(unit_vectors(np.asarray(rotation, np.float64)), -1, 0)
-    turn = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    axes = np.moveaxis(np.array(turn), (0, 1), (-2, -1)) * np.asarray(scale, np.float64)[..., None, :]
-    pose = np.zeros((*np.broadcast_shapes(axes.shape[:-2], np.shape(translation)[:-1]), 4, 4))
-    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = axes, translation, 1
-    return pose
-
-
-def _mirrors(matrices: Array) -> Mask:
-    """Whether matrices (..., 4, 4) turn a left hand into a right one."""
-    axes = matrices[..., :3, :3]
-    return np.asarray((np.cross(axes[..., 0, :], axes[..., 1, :]) * axes[..., 2, :]).sum(axis=-1) < 0)

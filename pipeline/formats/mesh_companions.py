@@ -4,6 +4,7 @@ The key of a mesh covers them, and its reader may open no others.
 """
 
 import hashlib
+import html
 import os
 import re
 import time
@@ -11,23 +12,23 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from io import BytesIO
 from itertools import takewhile
 from pathlib import Path
 from urllib.parse import unquote
 
 from pipeline.errors import InvalidInput
-from pipeline.formats import collada
 from pipeline.formats.file_content import MESH_SUFFIXES, decode_text, refuse_foreign, refuse_pointer, regular_stat, without_mark
 from pipeline.formats.gltf import file_names, read_document
-from pipeline.formats.obj import LIBRARY, OPTIONS, read_library
+from pipeline.formats.obj_materials import OPTIONS, Material, read_library
 
 MAX_BYTES = 256 * 2**20  # maximum size of a mesh file, and of all files that it names together
 MAX_NAMES = 1000  # maximum number of file names in a mesh file
 WIDE_SOLID = re.compile(rb"(\xff\xfe|(\0\0)?\xfe\xff)\0*s\0+o\0+l\0+i\0+d", re.IGNORECASE)
 """How the text of an STL begins in UTF-16 and UTF-32."""
-ALL_LIBRARIES = "*"
-"""Name of all material libraries of an OBJ, one after the other: it may have several, trimesh takes one."""
+LIBRARY = re.compile(rb"(?:^|\r)[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
+"""A line of an OBJ that names material libraries."""
+IMAGE = re.compile(rb"<image\b[^>]*>(?:(?!</?image\b).)*?<init_from>([^<]*)</init_from>", re.DOTALL)
+"""An image of a COLLADA file, with its file. Surfaces contain `init_from` too, but with the id of an image."""
 SEARCHED_SUFFIXES = {".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tga", ".tif", ".tiff", ".webp", ".dds", ".ppm", ".pcx"}
 """Suffixes of files that are searched for. A glTF's buffer is not: another one would be another shape."""
 MAX_ENTRIES = 200_000
@@ -53,7 +54,7 @@ class Companions(Mapping[str, bytes]):
         self.content = self._stored if _is_binary_stl(file, self._stored) else without_mark(file.name, self._stored)
         self.paths: dict[str, Path] = {}
         self.unread: list[str] = []
-        self._libraries: dict[str, bytes] = {}
+        self.materials: dict[str, list[Material]] = {}  # of an OBJ's libraries
         names = set[str]()
         for name in self._names(file, self.content):  # lazily: a file full of names would fill the memory
             if name in names:
@@ -68,10 +69,6 @@ class Companions(Mapping[str, bytes]):
                 self.unread.append(f"{name} is missing below the folder of meshes")
 
     def __getitem__(self, name: str) -> bytes:
-        if name == ALL_LIBRARIES:
-            return b"\n".join(self._libraries.values())
-        if name not in self.paths:
-            raise FileNotFoundError(f"it names {name!r}, which is not a file below {self._root}")
         path = self.paths[name]
         if path not in self._contents:
             self._contents[path] = path.read_bytes()
@@ -88,28 +85,24 @@ class Companions(Mapping[str, bytes]):
         """The SHA-256 of the mesh file."""
         return hashlib.sha256(self._stored).hexdigest()
 
-    @property
-    def images(self) -> list[str]:
-        """The names of textures, except a glTF's."""
-        return [] if self.file_name.lower().endswith((".gltf", ".glb")) else [name for name in self.paths if name not in self._libraries]
-
     def _names(self, file: Path, content: bytes) -> Iterator[str]:
         match file.suffix.lower():
             case ".gltf" | ".glb":
                 refuse_foreign(file.name, content)
                 yield from file_names(read_document(file.name, content))
             case ".dae":
-                yield from (name for _, name in collada.image_names(content))
+                yield from (html.unescape(_decode(name)) for name in IMAGE.findall(content))
             case ".ply":
-                yield from _names_after(b"texturefile", content.partition(b"end_header")[0])
+                yield from texture_names(content.partition(b"end_header")[0])
             case ".obj":
+                libraries = set[str]()
                 for line in LIBRARY.finditer(content):
                     name = _decode(line[1])
                     for library in [name] if self._find(name) else name.split():  # a name may have blanks, a line several names
                         yield library
-                        if library in self.paths and library not in self._libraries:
-                            self._libraries[library] = read_library(library, self[library], self.unread)
-                            yield from _names_after(b"map_kd", self._libraries[library])
+                        if library in self.paths and library not in libraries:
+                            libraries.add(library)
+                            yield from read_library(library, self[library], self.materials, self.unread)
 
     def _find(self, name: str) -> Path | None:
         """Find a file by its name as it is, without percent signs, below the root, beside the mesh file, or elsewhere below the root."""
@@ -155,11 +148,11 @@ def _is_binary_stl(file: Path, content: bytes) -> bool:
     )
 
 
-def _names_after(word: bytes, content: bytes) -> Iterator[str]:
-    """List the names that follow a word (lower case) in lines that contain it, except for comments of an MTL file."""
-    for line in BytesIO(content.replace(b"\r", b"\n")):
-        if (start := line.lower().find(word)) >= 0 and not line.lstrip().startswith(b"#"):
-            yield _decode(line[start + len(word) :])
+def texture_names(header: bytes) -> Iterator[str]:
+    """List the names of textures that the comments of a PLY file state."""
+    for line in header.splitlines():
+        if (start := line.lower().find(b"texturefile")) >= 0:
+            yield _decode(line[start + len(b"texturefile") :])
 
 
 def _decode(name: bytes) -> str:

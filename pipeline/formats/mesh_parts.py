@@ -2,25 +2,26 @@
 
 import re
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import mapbox_earcut
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Floats, Integers, Mask
 from pipeline.kernels.geometry.mesh import Look, Mesh
+from pipeline.kernels.geometry.transforms import transform_points, unit_vectors
 
-Decode = Callable[[str, bytes], "NDArray[np.uint8] | None"]
-"""Decode the texture of this name and content to (height, width, 4); None, and an entry of `unread`, if that fails."""
 MAX_UV = 2.0**20
 """Repeats of a texture beyond which float32 cannot tell its pixels apart: such coordinates are damaged, and become 0."""
 GREY = (178, 178, 178, 255)  # the colour of faces without a material, as 3D Warehouse's default material
 WHITE = (255, 255, 255, 255)
 MAX_FACES = 2_000_000
 """Maximum number of faces of a mesh file, and a third of that of vertices. More would take gigabytes, whatever `max_faces` allows."""
+MAX_INSTANCES = 100_000  # maximum number of nodes or components of a scene, counted each time that they are used
+MAX_DEPTH = 100  # maximum depth of nodes or components within others
 TURN = 1e-6  # sine of the turn at a corner, against the polygon's sense, from which it counts as concave
 
 
@@ -96,6 +97,24 @@ def triangulate(
     return np.concatenate(pieces)[order], polygon[order]
 
 
+def cut_polygons(corners: Integers, sizes: Integers, vertices: Array, unread: list[str]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Check the polygons of a file, and cut them as `triangulate` does; note those of fewer than three corners."""
+    check_corners(corners, len(vertices))
+    check_mesh(int(np.maximum(sizes - 2, 0).sum()), len(vertices))
+    if lines := np.count_nonzero(sizes < 3):
+        unread.append(f"faces of fewer than three corners are not read ({lines})")
+    return triangulate(corners, sizes, vertices)
+
+
+def strip_corners(count: int, *, fan: bool = False) -> NDArray[np.int64]:
+    """List the corners (T, 3) of the triangles of a strip, of which every other one is turned, or of a fan."""
+    first = np.arange(max(count - 2, 0))
+    if fan:
+        return np.stack([0 * first, first + 1, first + 2], axis=1)
+    turned = first % 2
+    return np.stack([first + turned, first + 1 - turned, first + 2], axis=1)
+
+
 def is_concave(corners: Array) -> Mask:
     """Whether polygons (P, N, 3) turn against their own sense at a corner."""
     sides = np.roll(corners, -1, axis=1) - corners
@@ -152,6 +171,31 @@ def build_part(
         vertex_color=vertex_color,
     )
     return Mesh(np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int32), look)
+
+
+def pose_matrix(translation: ArrayLike, rotation: ArrayLike, scale: ArrayLike) -> Array:
+    """Compose translations (..., 3), quaternions x, y, z, w (..., 4) of any length and scales (..., 3) into matrices (..., 4, 4)."""
+    x, y, z, w = np.moveaxis(unit_vectors(np.asarray(rotation, np.float64)), -1, 0)
+    turn = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    axes = np.moveaxis(np.array(turn), (0, 1), (-2, -1)) * np.asarray(scale, np.float64)[..., None, :]
+    pose = np.zeros((*np.broadcast_shapes(axes.shape[:-2], np.shape(translation)[:-1]), 4, 4))
+    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = axes, translation, 1
+    return pose
+
+
+def mirrors(matrices: Array) -> Mask:
+    """Whether matrices (..., 4, 4) turn a left hand into a right one."""
+    axes = matrices[..., :3, :3]
+    return np.asarray((np.cross(axes[..., 0, :], axes[..., 1, :]) * axes[..., 2, :]).sum(axis=-1) < 0)
+
+
+def posed(pose: Array, vertices: Array, faces: Integers) -> tuple[Array, Integers]:
+    """Move vertices (V, 3) by a pose (4, 4); turn faces (F, 3) where it mirrors them, so that the outside stays outside."""
+    return transform_points(pose, vertices), faces[:, ::-1] if mirrors(pose) else faces
 
 
 def split_vertices(

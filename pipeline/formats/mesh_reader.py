@@ -16,7 +16,6 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import IO
 
@@ -70,9 +69,7 @@ def serve() -> None:
 
     from pipeline.formats.mesh_file import parse_mesh
 
-    for name in ("collada", "lxml.builder"):  # what readers need is imported before a limit applies
-        import_module(name)
-    PIL.Image.init()
+    PIL.Image.init()  # what readers need is imported before a limit applies
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     for line in sys.stdin.buffer:

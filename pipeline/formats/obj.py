@@ -1,237 +1,148 @@
-"""OBJ files and their materials: what trimesh reads wrongly, or does not read.
-
-It cuts concave polygons into fans, counts relative numbers from the file's end, and skips lines that begin with a blank and materials
-with a comment behind their name.
-"""
+"""OBJ files: polygons with texture coordinates, colours of vertices and materials, in lines of every form that programs write."""
 
 import re
-from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from itertools import islice
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.file_content import decode_text, foreign_content, without_mark
-from pipeline.formats.mesh_parts import ear_clip, is_concave
+from pipeline.formats.file_content import decode_text
+from pipeline.formats.mesh_companions import LIBRARY, Companions
+from pipeline.formats.mesh_parts import GREY, WHITE, build_part, cut_polygons, eight_bits, read_numbers, split_vertices
+from pipeline.formats.obj_materials import Material, read_material
+from pipeline.formats.textures import Textures
 from pipeline.kernels.arrays import Array, Integers
+from pipeline.kernels.geometry.mesh import Mesh
 
-UNUSUAL = re.compile(rb"^(?:[ \t]+\S|(?:v[tn]?|f)(?:\t|[^#\r\n]*#))", re.MULTILINE)
-"""A line that begins with a blank, a vertex or a face with a tab after its letter or a comment behind it."""
-INDENT = re.compile(rb"^[ \t]+", re.MULTILINE)
-GEOMETRY = re.compile(rb"^(v[tn]?|f)[ \t]+([^#\r\n]*)(?:#[^\r\n]*)?", re.MULTILINE)
-VERTEX = re.compile(rb"^v +(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.MULTILINE)
-FACE = re.compile(rb"^f((?:[ \t]+-?\d+(?:/-?\d*){0,2}){3,})[ \t]*\r?$", re.MULTILINE)
-MISREAD = re.compile(rb"^f(?:(?:[ \t]+[\d/-]+){4}|[ \t\d/]*-)", re.MULTILINE)
-"""A face of more than three corners, or with relative numbers."""
-USE = re.compile(rb"^usemtl[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
-LIBRARY = re.compile(rb"(?:^|\r)[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
-"""A line that names material libraries."""
-DEFINITION = re.compile(rb"^[ \t]*newmtl[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
-WRONG = re.compile(rb"^(?:[ \t]*(surf|bzp|bsp|cdp|fo)[ \t]|f[ \t](?:[^\r\n]*[ \t])?0+(?![.\d]))", re.MULTILINE)
-"""A surface that is no polygon, a statement of the first version of the format, or a face that names vertex 0."""
-NO_MATERIAL = (b"", b"none", b"(null)", b"null", b"default")  # names that programs write where faces have no material
-OPTIONS = re.compile(r"(-[a-zA-Z_]+\s+((on|off|[lmrgbz]|-?[\d.]+)\s+)*)+(?=\S)")
-"""What may stand before the name of a texture, as `-s 1 1 1`."""
-MOVED = re.compile(r"-[sot](\s+-?\.?\d[\d.]*)+")  # options that scale, move or disturb texture coordinates
-STILL = re.compile(r"-s(\s+1(\.0*)?)+|-[ot](\s+-?\.?0[0.]*)+")  # those that leave them as they are
-CLAMP = re.compile(r"-clamp\s+on\b")
-Values = Mapping[str, Any]
-"""The entries of a material by their names in lower case, as trimesh keeps them: lists of words, or numbers of colours."""
+OTHER_SURFACES = (b"surf", b"bzp", b"bsp", b"cdp", b"fo")  # free forms, and statements of the first version of the format
+NO_MATERIAL = ("", "none", "(null)", "null", "default")  # names that programs write where faces have no material
+EDGE = 0.5 + 1e-6  # distance of a texture coordinate from 0.5 beyond which it is outside the texture
 
 
-def usual_text(content: bytes) -> bytes:
-    """Write an OBJ file in UTF-8, with line feeds where it has carriage returns alone, as its readers need it."""
-    text = content if content.isascii() else decode_text(content).encode()
-    return text if b"\n" in text else text.replace(b"\r", b"\n")
-
-
-def check_statements(content: bytes, unread: list[str]) -> None:
-    """Refuse an OBJ file with surfaces that are no polygons or with vertices 0, and note colours that are not read."""
-    if (wrong := WRONG.search(content)) and wrong[1]:
-        raise InvalidInput(f"it has free-form or outdated surfaces ({wrong[1].decode()}), which cannot be read; export it as polygons")
-    if wrong:
-        raise InvalidInput("a face names vertex 0, the first one is 1; write it again with another program")
-    if b"\n#MRGB " in content:  # as ZBrush writes them
-        unread.append("colours of vertices in comments (#MRGB) are not read")
-
-
-def rewrite_lines(content: bytes) -> bytes:
-    """Write an OBJ file's concave polygons as triangles between the same corners, relative numbers as absolute ones, lines without indent.
-
-    Faces that cannot be understood, or have no area, stay as they are.
-    """
-    text = content.replace(b"\\\n", b" ").replace(b"\\\r\n", b" ")  # lines that continue
-    if UNUSUAL.search(text):
-        content = text = GEOMETRY.sub(rb"\1 \2", INDENT.sub(b"", text))
-    if MISREAD.search(text) is None:
-        return content
-    try:
-        vertices = np.array([match.groups() for match in VERTEX.finditer(text)]).astype(np.float64).reshape(-1, 3)
-    except ValueError:  # its reader says what is wrong
-        return content
-    faces = list(FACE.finditer(text))
-    triangles = _cut_concave(faces, _offsets(b"v", text), vertices)
-    relative = [number for number, face in enumerate(faces) if b"-" in face[1]]
-    listed = [_offsets(kind, text) for kind in (b"v", b"vt", b"vn")] if relative else []
-    pieces, end = list[bytes](), 0
-    for number in sorted({*triangles, *relative}):
-        face = faces[number]
-        corners = [_absolute(corner, face.start(), listed) if relative else corner for corner in face[1].split()]
-        parts = [[corners[index] for index in triangle] for triangle in triangles.get(number, [range(len(corners))])]
-        pieces += [text[end : face.start()], b"\n".join(b"f " + b" ".join(part) for part in parts)]
-        end = face.end()
-    return b"".join([*pieces, text[end:]]) if pieces else content
-
-
-def _offsets(kind: bytes, text: bytes) -> NDArray[np.int64]:
-    return np.array([match.start() for match in re.finditer(rb"^" + kind + b" ", text, re.MULTILINE)], np.int64)
-
-
-def _absolute(corner: bytes, offset: int, listed: Sequence[NDArray[np.int64]]) -> bytes:
-    """Write a corner of a face at this offset with absolute numbers of vertex, texture coordinate and normal."""
-    parts = [
-        b"%d" % (np.searchsorted(offsets, offset) + 1 + int(part)) if part[:1] == b"-" else part
-        for part, offsets in zip(corner.split(b"/"), listed, strict=False)  # the latter two may be missing
-    ]
-    if int(parts[0]) < 1:
-        raise InvalidInput(f"a face has relative index {corner.decode().partition('/')[0]}, before the first vertex; the file is damaged")
-    return b"/".join(parts)
-
-
-def _cut_concave(faces: Sequence[re.Match[bytes]], offsets: NDArray[np.int64], vertices: Array) -> dict[int, Integers]:
-    """Cut the concave ones of some faces into triangles (T, 3) of their corners, by the number of the face."""
-    listed = np.fromstring(re.sub(rb"/\S*", b"", b" ".join(face[1] for face in faces)), np.int64, sep=" ")
-    sizes = np.array([len(face[1].split()) for face in faces], np.int64)
-    before = np.searchsorted(offsets, np.array([face.start() for face in faces], np.int64))
-    named = np.where(listed < 0, listed + np.repeat(before, sizes), listed - 1)
-    firsts, triangles = np.cumsum(sizes) - sizes, {}
-    for size in np.unique(sizes[sizes > 3]):
-        numbers = np.flatnonzero(sizes == size)
-        indices = named[firsts[numbers, None] + np.arange(size)]
-        known = ((indices >= 0) & (indices < len(vertices))).all(axis=1)
-        corners = vertices[indices[known]]  # (faces, size, 3)
-        for row in np.flatnonzero(is_concave(corners)):
-            cut = ear_clip(corners[row])
-            if len(cut) == size - 2:
-                triangles[int(numbers[known][row])] = cut
-    return triangles
-
-
-def rewrite_uses(
-    content: bytes,
-    libraries: bytes,  # content of the material libraries
-    unread: list[str],
-) -> bytes:
-    """Write the names of materials as their libraries do, without comments behind them and in the same case; list unknown ones."""
-    definitions = defaultdict[bytes, set[bytes]](set)
-    pieces = DEFINITION.split(libraries)
-    for name, definition in zip(pieces[1::2], pieces[2::2], strict=True):
-        definitions[_name(name)].add(b" ".join(definition.split()))
-    folded = {name.lower(): name for name in definitions}
-    undefined, several = dict[bytes, None](), dict[bytes, None]()  # each once, in order
-
-    def named(use: re.Match[bytes]) -> bytes:
-        stated = _name(use[1])
-        candidates = (stated, _name(stated.partition(b"#")[0]))  # a name may contain it
-        name = next((name for name in candidates if name in definitions), None)
-        name = name or next((folded[name.lower()] for name in candidates if name.lower() in folded), stated)
-        if name not in definitions and name.lower() not in NO_MATERIAL:
-            undefined[name] = None
-        if len(definitions.get(name, ())) > 1:
-            several[name] = None
-        return b"usemtl " + name
-
-    content = USE.sub(named, content)
-    if undefined and (definitions or not LIBRARY.search(content)):  # a library that is not read is listed by itself
-        unread.append(f"materials that no library defines are not read: {_list_names(undefined)}")
-    if several:
-        unread.append(f"materials with several definitions have the last one: {_list_names(several)}")
-    return content
-
-
-def _name(text: bytes) -> bytes:
-    return b" ".join(text.split())
-
-
-def _list_names(names: Collection[bytes]) -> str:
-    listed = ", ".join(name.decode("utf-8", "replace") for name in islice(names, 5))
-    return f"{listed} and {len(names) - 5} more" if len(names) > 5 else listed
-
-
-def read_library(name: str, content: bytes, unread: list[str]) -> bytes:
-    """Return the statements of a material library that trimesh reads: one that it cannot read would cost all materials."""
-    try:
-        text = decode_text(without_mark(name, content))
-    except InvalidInput as error:
-        unread.append(str(error))
-        return b""
-    lines = [line for raw in text.splitlines() if (line := raw.strip()) and not line.startswith("#")]
-    if not content or "\0" in text or (lines and not any(line.lower().startswith("newmtl") for line in lines)):
-        unread.append(f"{name} is {foreign_content(content) or 'not a material library'}")
-        return b""
-    kept, material = list[str](), ""
-    for line in lines:
-        key, *words = line.split()
-        match key.lower():
-            case "newmtl":
-                material = " ".join(words)
-                kept.append(line)
-            case "kd" | "ke" | "d" | "tr":
-                count, values = (3 if key[0] in "kK" else 1), _finite_numbers(words)
-                if len(values) in (1, count):
-                    kept.append(" ".join([key, *map(repr, values * (count // len(values)))]))
-                else:
-                    unread.append(f"{line} of material {material} in {name} is not read")
-            case "map_kd" | "map_ka" | "map_ke" | "map_d":
-                kept.append(line)
-    return "\n".join(kept).encode()
-
-
-def _finite_numbers(words: Sequence[str]) -> list[float]:
-    """Read the finite numbers of a statement, up to a comment and without `-halo`; none if another word is among them."""
-    ended = next((number for number, word in enumerate(words) if word.startswith("#")), len(words))
-    try:
-        numbers = [float(word) for word in words[:ended] if word != "-halo"]
-    except ValueError:
+def read_obj(file: Companions, textures: Textures) -> list[Mesh]:
+    """Read the faces of an OBJ file, with the materials of its libraries."""
+    text = file.content if file.content.isascii() else decode_text(file.content).encode()
+    text = text.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")  # lines that continue
+    positions, coordinates, polygons = list[bytes](), list[bytes](), list[bytes]()
+    names, used, current = {"": 0}, list[int](), 0  # of materials; the number of each polygon's
+    for line in text.splitlines():
+        word, *rest = line.split(None, 1) or (b"",)
+        values = rest[0].partition(b"#")[0] if rest else b""
+        if word == b"v":
+            positions.append(values)
+        elif word == b"vt":
+            coordinates.append(values)
+        elif word == b"f":
+            polygons.append(_absolute(values, len(positions), len(coordinates)) if b"-" in values else values)
+            used.append(current)
+        elif word.lower() == b"usemtl":
+            current = names.setdefault(" ".join(rest[0].decode().split()) if rest else "", len(names))
+        elif word in OTHER_SURFACES:
+            raise InvalidInput(f"it has free-form or outdated surfaces ({word.decode()}), which cannot be read; export it as polygons")
+    if b"\n#MRGB " in text:  # as ZBrush writes them
+        file.unread.append("colours of vertices in comments (#MRGB) are not read")
+    if not positions or not polygons:
         return []
-    return numbers[:3] if np.isfinite(numbers).all() else []
+    vertices, vertex_color = _vertices(positions)
+    corners, numbers = _corners(b" ".join(polygons), len(coordinates))
+    sizes = np.array([len(polygon.split()) for polygon in polygons], np.int64)
+    triangles, polygon = cut_polygons(corners, sizes, vertices, file.unread)
+    material = np.array(used, np.int64)[polygon]
+    vertex, number, faces = split_vertices(corners[triangles], numbers[triangles])
+    uv = np.concatenate([np.zeros((1, 2)), _columns(coordinates, 2)])[number]
+    colors, images = list[Sequence[int]](), list[NDArray[np.uint8] | None]()
+    for stated, definitions in zip(names, _find_materials(names, file), strict=True):
+        color, image, clamped = (GREY if vertex_color is None else WHITE), None, ""
+        if definitions:
+            color, image, clamped = read_material(stated, definitions[-1], textures)
+        if clamped and (np.abs(uv[faces[material == len(colors)]] - 0.5) > EDGE).any():
+            file.unread.append(clamped)
+        colors.append(color)
+        images.append(image)
+    return [
+        build_part(
+            vertices[vertex],
+            faces,
+            face_color=np.array(colors, np.uint8)[material],
+            vertex_color=None if vertex_color is None else vertex_color[vertex],
+            uv=uv,
+            page=np.where((numbers[triangles] == 0).any(axis=1), -1, material),
+            textures=images,
+        )
+    ]
 
 
-def opacity(values: Values) -> float:
-    """Read the opacity of a material, 0 to 1: `d`, else 1 - `Tr`, where 1 is opaque too, as early versions of MeshLab write it."""
-    transparency = float(values["tr"][0]) if "tr" in values else 0.0
-    stated = float(values["d"][0]) if "d" in values else 1 - transparency if transparency < 1 else 1.0
-    return float(np.clip(stated, 0, 1))
+def _absolute(corners: bytes, vertices: int, coordinates: int) -> bytes:
+    """Write the corners of a face with absolute numbers of its vertices and texture coordinates, of which so many precede it."""
+    written = list[bytes]()
+    for corner in corners.split():
+        parts = [
+            b"%d" % (before + 1 + int(part)) if part[:1] == b"-" else part
+            for part, before in zip(corner.split(b"/"), (vertices, coordinates), strict=False)
+        ]
+        if parts[0][:1] == b"-" or int(parts[0]) < 1:
+            raise InvalidInput(
+                f"a face has relative index {corner.decode().partition('/')[0]}, before the first vertex; the file is damaged"
+            )
+        written.append(b"/".join(parts))
+    return b" ".join(written)
 
 
-def keeps_alpha(values: Values, texture: str) -> bool:
-    """Check whether the alpha of a texture is an opacity: `map_d` names the same file."""
-    return "map_d" in values and _file(" ".join(values["map_d"])) == _file(texture)
+def _corners(text: bytes, coordinates: int) -> tuple[Integers, Integers]:
+    """Read the vertices of corners from 0, and their texture coordinates from 1, 0 for none."""
+    corners = read_numbers(re.sub(rb"/\S*", b"", text)).astype(np.int64) - 1
+    if (corners < 0).any():
+        raise InvalidInput("a face names vertex 0, the first one is 1; write it again with another program")
+    if not coordinates or b"/" not in text:
+        return corners, np.zeros_like(corners)
+    numbers = read_numbers(re.sub(rb"[^\s/]+/?([^\s/]*)\S*", rb"0\1", text)).astype(np.int64)
+    return corners, np.where(numbers > coordinates, 0, numbers)
 
 
-def emission(values: Values) -> Array | None:
-    """Read the colour that a material emits, (3,) in 0 to 1, if it has no other one."""
-    light = np.clip(np.array(values.get("ke", [0.0]), np.float64), 0, 1)
-    return light if light.any() and not np.any(values.get("kd", 0.0)) else None
+def _vertices(lines: Sequence[bytes]) -> tuple[Array, NDArray[np.uint8] | None]:
+    """Read positions (V, 3) and the colours (V, 4) behind them, white where there are none."""
+    table = _columns(lines, 6)
+    if np.isnan(table[:, 2]).any() and any(len(line.split()) < 3 for line in lines):
+        raise InvalidInput("a vertex has fewer than three numbers; the file is damaged")
+    if not (has := ~np.isnan(table[:, 5])).any():
+        return table[:, :3], None
+    colors = np.full((len(lines), 4), 255, np.uint8)
+    colors[has] = eight_bits(table[has, 3:], fractions=True)
+    return table[:, :3], colors
 
 
-def losses(material: Any, uv: np.ndarray | None) -> Iterator[str]:
-    """Name what is not read of one of trimesh's materials of an OBJ, with texture coordinates (V, 2)."""
-    values = getattr(material, "kwargs", {})
-    image = getattr(material, "image", None)
-    texture = None if image is None else str(image.info.get("file_path", ""))
-    if texture is None:
-        yield from (f"{word} of material {material.name} is not read" for word in ("map_Ka", "map_Ke") if word.lower() in values)
-    if texture and uv is not None and CLAMP.search(texture) and (np.abs(np.asarray(uv) - 0.5) > 0.5 + 1e-6).any():
-        yield f"{_file(texture)} is clamped (-clamp on), and repeats here where coordinates are outside 0 to 1"
-    if texture and (moved := [option[0] for option in MOVED.finditer(texture) if not STILL.fullmatch(option[0])]):
-        yield f"{' '.join(moved)} of {_file(texture)} is not applied"
-    if "map_d" in values and not (texture and keeps_alpha(values, texture)):
-        yield f"map_d {_file(' '.join(values['map_d']))} of material {material.name} is not read"
+def _columns(lines: Sequence[bytes], count: int) -> Array:
+    """Read the first numbers (N, count) of lines, NaN where a line has fewer."""
+    numbers = read_numbers(b" ".join(lines))
+    widths = np.array([len(line.split()) for line in lines], np.int64)
+    firsts, table = np.cumsum(widths) - widths, np.full((len(lines), count), np.nan)
+    for column in range(count):
+        has = widths > column
+        table[has, column] = numbers[(firsts + column)[has]]
+    return table
 
 
-def _file(text: str) -> str:
-    return text[match.end() :] if (match := OPTIONS.match(text)) else text
+def _find_materials(stated: Collection[str], file: Companions) -> list[list[Material]]:
+    """Find the definitions of materials, also with a comment behind the name or in another case; note unknown ones."""
+    folded = {name.lower(): name for name in file.materials}
+    undefined, several, materials = list[str](), list[str](), list[list[Material]]()
+    for name in stated:
+        candidates = [part.strip() for part in (name, name.partition("#")[0])]  # a name may contain it
+        known = [*candidates, *(folded.get(part.lower(), "") for part in candidates)]
+        materials.append(next((file.materials[part] for part in known if part in file.materials), []))
+        if not materials[-1] and name.lower() not in NO_MATERIAL:
+            undefined.append(name)
+        if len(materials[-1]) > 1:
+            several.append(name)
+    if undefined and (file.materials or not LIBRARY.search(file.content)):  # a library that is not read is listed by itself
+        file.unread.append(f"materials that no library defines are not read: {_list_names(undefined)}")
+    if several:
+        file.unread.append(f"materials with several definitions have the last one: {_list_names(several)}")
+    return materials
+
+
+def _list_names(names: Sequence[str]) -> str:
+    listed = ", ".join(islice(names, 5))
+    return f"{listed} and {len(names) - 5} more" if len(names) > 5 else listed

@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.mesh_parts import GREY, build_part, check_corners, check_mesh, eight_bits, read_numbers, triangulate
+from pipeline.formats.mesh_companions import Companions
+from pipeline.formats.mesh_parts import GREY, build_part, check_mesh, cut_polygons, eight_bits, read_numbers
+from pipeline.formats.textures import Textures
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
 
@@ -16,9 +18,9 @@ KIND = re.compile(rb"\s*((?:ST|C|N|4|n)*)OFF\b|\s*off\b|\s*((?:ST|C|N|4|n)*)OFF(
 MAX_NORMAL = 2 * np.pi  # largest part of a normal that programs write: they sum up the angles of the faces at a vertex
 
 
-def read_off(content: bytes, unread: list[str]) -> list[Mesh]:
-    """Read the faces of an OFF file; append what is not read to `unread`."""
-    text = re.sub(rb"#[^\r\n]*", b"", content)
+def read_off(file: Companions, _: Textures) -> list[Mesh]:
+    """Read the faces of an OFF file."""
+    text, unread = re.sub(rb"#[^\r\n]*", b"", file.content), file.unread
     kind = KIND.match(text)
     columns = (kind[1] or kind[2] or b"").decode() if kind else ""
     lines = [line for line in (text[kind.end() :] if kind else text).splitlines() if line.strip()]
@@ -35,8 +37,7 @@ def read_off(content: bytes, unread: list[str]) -> list[Mesh]:
     check_mesh(face_count, vertex_count)
     vertices, colors = _vertices(lines[1 : 1 + vertex_count], columns, unread)
     corners, sizes, face_colors = _faces(lines[1 + vertex_count : 1 + vertex_count + face_count], unread)
-    check_corners(corners, vertex_count)
-    triangles, polygon = triangulate(corners, sizes, vertices)
+    triangles, polygon = cut_polygons(corners, sizes, vertices, unread)
     if colors is not None and face_colors is not None:
         unread.append("colours of faces are not read beside those of vertices")
         face_colors = None

@@ -1,7 +1,7 @@
 """PLY files: polygons and triangle strips, colours under their several names, and textures of one or more pages."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from itertools import product
 from typing import Any
 
@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.mesh_parts import Decode, build_part, check_corners, check_mesh, eight_bits, split_vertices, triangulate
+from pipeline.formats.mesh_companions import Companions, texture_names
+from pipeline.formats.mesh_parts import build_part, cut_polygons, eight_bits, split_vertices
 from pipeline.formats.ply_elements import Element, read_elements
+from pipeline.formats.textures import Textures
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
 
@@ -24,12 +26,12 @@ COLOR_LIKE = re.compile(r"(?!ambient|specular|emissive).*(?:red|green|blue|colou
 COORDINATES = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))  # names of the texture coordinates of a vertex
 PAGES = ("texnumber", "texindex", "tex_index", "texture_index", "texture_number")
 """Names of the property of a face, or of a vertex, that numbers its texture from 0."""
-TEXTURE = "texturefile"  # the word in a comment before the name of a texture
 
 
-def read_ply(content: bytes, files: Mapping[str, bytes], decode: Decode, unread: list[str]) -> list[Mesh]:
-    """Read the surface of a PLY file, with the textures among its files; append what is not read to `unread`."""
-    elements, comments = read_elements(content, unread)
+def read_ply(file: Companions, images: Textures) -> list[Mesh]:
+    """Read the surface of a PLY file, with its textures."""
+    unread = file.unread
+    elements = read_elements(file.content, unread)
     named = {element.name: element for element in elements}
     vertex = named.pop("vertex", Element("vertex", 0))
     if (vertices := vertex.columns("x", "y", "z")) is None:
@@ -39,15 +41,12 @@ def read_ply(content: bytes, files: Mapping[str, bytes], decode: Decode, unread:
     corners, sizes, indices = _polygons(face)
     strips = np.concatenate([np.empty((0, 3), np.int64), *(_cut_strips(named.pop(name)) for name in list(named) if "strip" in name)])
     _check_elements(named.values(), unread)
-    check_corners(corners, len(vertices))
-    if lines := np.count_nonzero(sizes < 3):
-        unread.append(f"faces of fewer than three corners are not read ({lines})")
-    check_mesh(int(np.maximum(sizes - 2, 0).sum()) + len(strips), len(vertices))
-    triangles, polygon = triangulate(corners, sizes, vertices)
+    triangles, polygon = cut_polygons(corners, sizes, vertices, unread)
     faces = np.concatenate([corners[triangles], strips])
     if not len(faces):
         return []
-    textures = _textures(comments, files, decode)
+    header = file.content.partition(b"end_header")[0]
+    textures = [images.find(name, opaque=True) for name in texture_names(header)]
     vertex_color, face_color = _colors(vertex, unread), _colors(face, unread)
     if vertex_color is not None and face_color is not None:
         unread.append("colours of faces are not read beside those of vertices")
@@ -99,19 +98,6 @@ def _check_elements(elements: Iterable[Element], unread: list[str]) -> None:
             raise InvalidInput(f"it has {element.name} with lists of vertices, which cannot be read; export it as triangles")
         if element.length and element.name != "camera":
             unread.append(f"elements of the PLY that are no faces are not read: {element.name} ({element.length})")
-
-
-def _textures(comments: Sequence[str], files: Mapping[str, bytes], decode: Decode) -> list[NDArray[np.uint8] | None]:
-    """Decode the textures that comments name; None for a missing or damaged one."""
-    textures = list[NDArray[np.uint8] | None]()
-    for comment in comments:
-        if (start := comment.lower().find(TEXTURE)) >= 0:
-            name = comment[start + len(TEXTURE) :].strip()
-            try:
-                textures.append(decode(name, files[name]))
-            except FileNotFoundError:
-                textures.append(None)
-    return textures
 
 
 def _colors(element: Element, unread: list[str]) -> NDArray[np.uint8] | None:

@@ -80,11 +80,11 @@ class _Bytes:
         return np.ndarray((count,), kind, self._content, strides=(1,))[positions].astype(kind.newbyteorder("="))
 
 
-def read_elements(content: bytes, unread: list[str]) -> tuple[list[Element], list[str]]:
-    """Read the elements and the comments of a PLY file; append what follows the last element to `unread`."""
+def read_elements(content: bytes, unread: list[str]) -> list[Element]:
+    """Read the elements of a PLY file; append what follows the last element to `unread`."""
     if not (header := HEADER.match(content)):
         raise InvalidInput("it has no header that begins with ply and ends with end_header; it is cut off, or not a PLY")
-    elements, comments, order = _parse_header([decode_text(line) for line in header[0].splitlines()])
+    elements, order = _parse_header([decode_text(line) for line in header[0].splitlines()])
     source = _Bytes(content[header.end() :]) if order else _Numbers(content[header.end() :])
     start = 0
     for element in elements:
@@ -92,12 +92,12 @@ def read_elements(content: bytes, unread: list[str]) -> tuple[list[Element], lis
         start = _read_rows(element, source, start)
     if start < source.length:
         unread.append(f"{source.length - start} {source.unit} after the last row are ignored")
-    return elements, comments
+    return elements
 
 
-def _parse_header(lines: Sequence[str]) -> tuple[list[Element], list[str], str]:
-    """Parse the lines of a header: its elements, its comments, and the byte order, "" for text."""
-    elements, comments, order = list[Element](), list[str](), ""
+def _parse_header(lines: Sequence[str]) -> tuple[list[Element], str]:
+    """Parse the lines of a header: its elements, and the byte order, "" for text."""
+    elements, order = list[Element](), ""
     for line in lines:
         match line.split():
             case ["format", kind, *_]:
@@ -110,9 +110,7 @@ def _parse_header(lines: Sequence[str]) -> tuple[list[Element], list[str], str]:
                 elements[-1].properties.append(Property(name.lower(), np.dtype(order + TYPES[kind]), np.dtype(order + TYPES[count])))
             case ["property", kind, name]:
                 elements[-1].properties.append(Property(name.lower(), np.dtype(order + TYPES[kind])))
-            case ["comment" | "obj_info", *_]:
-                comments.append(line.strip().partition(" ")[2])
-    return elements, comments, order
+    return elements, order
 
 
 def _read_rows(element: Element, source: _Numbers | _Bytes, start: int) -> int:

@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.formats.mesh_companions import Companions
 from pipeline.formats.mesh_parts import GREY, MAX_FACES, build_part, check_count, read_numbers
+from pipeline.formats.textures import Textures
 from pipeline.kernels.arrays import Floats
 from pipeline.kernels.geometry.mesh import Mesh
 
@@ -23,8 +25,9 @@ MESHLAB = b"COLOR=\x7f\x7f\x7f MATERIAL="
 """How the title begins that MeshLab writes for Magics: with a blank for the opacity, and bit 15 of attributes the other way round."""
 
 
-def read_stl(content: bytes, unread: list[str]) -> list[Mesh]:
-    """Read the triangles of an STL file; append what is not read to `unread`."""
+def read_stl(file: Companions, _: Textures) -> list[Mesh]:
+    """Read the triangles of an STL file."""
+    content, unread = file.content, file.unread
     count = int.from_bytes(content[80:HEAD], "little")
     whole = HEAD + count * TRIANGLE.itemsize
     if SOLID.match(content) and b"\0" not in content[:HEAD]:

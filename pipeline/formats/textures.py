@@ -1,16 +1,15 @@
 """The textures of mesh files; those that cannot be decoded are listed with the reason."""
 
 import hashlib
-from collections.abc import Set
+from collections.abc import Mapping
 from io import BytesIO
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from pipeline.errors import first_line
+from pipeline.errors import InvalidInput, first_line
 from pipeline.formats.file_content import foreign_content
-from pipeline.formats.mesh_companions import Companions
 from pipeline.formats.mesh_parts import check_count
 
 FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TGA", "TIFF", "WEBP", "DDS", "PPM", "PCX")
@@ -19,74 +18,46 @@ MAX_PIXELS = 2**26  # maximum number of pixels of all textures of a mesh file: o
 
 
 class Textures:
-    """The decoded textures of one mesh file, of which several materials may use one; those that are no image join `companions.unread`.
+    """The decoded textures of one mesh file, of which several materials may use one."""
 
-    `transparent` names the textures whose alpha is an opacity; other formats say so per material.
-    """
-
-    def __init__(self, companions: Companions, transparent: Set[str] = frozenset()) -> None:
-        self.unread = companions.unread
-        self._names: dict[str, str] = {}
+    def __init__(
+        self,
+        files: Mapping[str, bytes],  # that the mesh file names
+        unread: list[str],  # gets the textures that cannot be decoded, with the reason
+    ) -> None:
+        self.unread = unread
+        self._files = files
         self._decoded: dict[tuple[str, bool], NDArray[np.uint8] | None] = {}
         self._pixels = 0
-        self._transparent: set[str] = set()
-        for name in companions.images:
-            digest = _digest(companions[name])
-            self._names.setdefault(digest, name)
-            if name in transparent:
-                self._transparent.add(digest)
-            self._open(name, companions[name])
+
+    def find(self, name: str, *, opaque: bool = False) -> NDArray[np.uint8] | None:
+        """Decode the file that the mesh file names so; None for one that is missing, which is listed already."""
+        return self.read(name, self._files[name], opaque=opaque) if name in self._files else None
 
     def read(self, name: str, content: bytes, *, opaque: bool = False) -> NDArray[np.uint8] | None:
         """Decode an image, named so in messages, to (height, width, 4) sRGB and opacity, 255 if `opaque`: once for the same content."""
-        key = _digest(content), opaque
+        key = hashlib.sha256(content).hexdigest(), opaque
         if key not in self._decoded:
-            image = self._open(name, content)
-            self._decoded[key] = None if image is None else self._decode(image, name, opaque=opaque)
+            self._decoded[key] = self._decode(name, content, opaque=opaque)
         return self._decoded[key]
 
-    def decode(self, image: Image.Image, *, opaque: bool) -> NDArray[np.uint8] | None:
-        """Decode an image that Pillow has opened, as `read` does."""
-        if (content := _content(image)) is None:  # made by a conversion
-            return self._decode(image, "a texture", opaque=opaque)
-        return self.read(self._names.get(_digest(content), "a texture"), content, opaque=opaque)
-
-    def is_transparent(self, image: Image.Image) -> bool:
-        """Check whether the file says of an image that its alpha is an opacity."""
-        content = _content(image)
-        return content is not None and _digest(content) in self._transparent
-
-    def _open(self, name: str, content: bytes) -> Image.Image | None:
+    def _decode(self, name: str, content: bytes, *, opaque: bool) -> NDArray[np.uint8] | None:
         try:
-            return Image.open(BytesIO(content), formats=FORMATS)
+            image = Image.open(BytesIO(content), formats=FORMATS)
+            self._pixels += image.width * image.height
+            check_count("pixels of textures", self._pixels, MAX_PIXELS, "make them smaller")
+            pixels = np.array(_eight_bits(image).convert("RGBA"))
+        except (InvalidInput, MemoryError):
+            raise
         except UnidentifiedImageError:  # its message has a memory address
             self.unread.append(f"{name} is {foreign_content(content) or 'damaged, or no image that can be read; convert it to PNG'}")
+            return None
         except Exception as error:  # Pillow's readers raise whatever their parsing trips over
-            self.unread.append(f"{name} cannot be decoded: {first_line(error)}")
-        return None
-
-    def _decode(self, image: Image.Image, name: str, *, opaque: bool) -> NDArray[np.uint8] | None:
-        self._pixels += image.width * image.height
-        check_count("pixels of textures", self._pixels, MAX_PIXELS, "make them smaller")
-        try:
-            pixels = np.array(_eight_bits(image).convert("RGBA"))
-        except MemoryError:
-            raise
-        except Exception as error:  # as above
             self.unread.append(f"{name} cannot be decoded: {first_line(error)}")
             return None
         if opaque:
             pixels[..., 3] = 255
         return pixels
-
-
-def _content(image: Image.Image) -> bytes | None:
-    file = getattr(image, "fp", None)
-    return file.getvalue() if isinstance(file, BytesIO) else None
-
-
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
 
 
 def _eight_bits(image: Image.Image) -> Image.Image:

@@ -1,7 +1,7 @@
 """3MF files: the objects that are built, with the colours and textures of the core and materials specifications."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
 
@@ -9,13 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.mesh_parts import GREY, WHITE, Decode, build_part, check_corners, check_count, check_mesh, split_vertices
+from pipeline.formats.mesh_companions import Companions
+from pipeline.formats.mesh_parts import (
+    GREY,
+    MAX_DEPTH,
+    MAX_INSTANCES,
+    WHITE,
+    build_part,
+    check_corners,
+    check_count,
+    check_mesh,
+    split_vertices,
+)
+from pipeline.formats.textures import Textures
 from pipeline.formats.threemf_package import Element, Model, Package, parse_model
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
 
-MAX_INSTANCES = 100_000  # maximum number of components, counted each time that they are used
-MAX_DEPTH = 100  # maximum depth of components within components
 EXTENSIONS = ("core/", "material/", "production/", "slice/", "trianglesets/")
 """Parts of the names of the extensions that a file may require: those that are read, and two that do not change the mesh."""
 NO_SHAPE = {"support": "a support", "solidsupport": "a support", "other": "a helper that is not built"}
@@ -36,9 +46,9 @@ SETTINGS = ("metadatagroup", "settings")
 """Elements of an object that hold its settings; the latter is of early versions of Cura."""
 
 
-def read_threemf(content: bytes, decode: Decode, unread: list[str]) -> list[Mesh]:
-    """Read the meshes of a 3MF file in the poses of its build; append what is not read to `unread`."""
-    package = Package(BytesIO(content))
+def read_threemf(file: Companions, textures: Textures) -> list[Mesh]:
+    """Read the meshes of a 3MF file in the poses of its build."""
+    package, unread = Package(BytesIO(file.content)), file.unread
     for name, words in SLICER_VOLUMES.items():
         if name in package:
             with package.open(name) as stream:
@@ -46,7 +56,7 @@ def read_threemf(content: bytes, decode: Decode, unread: list[str]) -> list[Mesh
                     raise InvalidInput(f"it has volumes that modify others ({word[0].decode()} in {name}); export its parts as STL")
     if FILAMENTS in package:
         unread.append(f"colours of filaments ({FILAMENTS}) are not read")
-    builder = _Builder(package, decode, unread)
+    builder = _Builder(package, textures.read, unread)
     meshes = list(builder.build())
     if not meshes:
         raise InvalidInput(f"nothing of it is built: {'; '.join(builder.skipped) or 'its build has no item with triangles'}")
@@ -68,7 +78,7 @@ class _Properties:
 class _Builder:
     """The models of a package, parsed when they are first used."""
 
-    def __init__(self, package: Package, decode: Decode, unread: list[str]) -> None:
+    def __init__(self, package: Package, decode: Callable[[str, bytes], NDArray[np.uint8] | None], unread: list[str]) -> None:
         self._package, self._decode, self._unread = package, decode, unread
         self._parts: dict[str, Model] = {}
         self._properties: dict[str, _Properties] = {}

@@ -9,14 +9,14 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
-from xml.etree.ElementTree import Element, TreeBuilder
+from xml.etree.ElementTree import Element
 from xml.parsers import expat
 
 import numpy as np
 
 from pipeline.console import Meter, errors
 from pipeline.errors import InvalidInput, missing_name
-from pipeline.formats.file_content import MARKS, read_file, without_mark
+from pipeline.formats.file_content import MARKS, parse_xml, read_file, without_mark
 from pipeline.formats.mesh_parts import MAX_FACES
 from pipeline.formats.mesh_reader import load_mesh
 from pipeline.formats.urdf_shapes import MAX_TURN, Color, check_unit, material_color, numbers_of, origin_of, shape_of
@@ -218,8 +218,10 @@ def parse_urdf(path: Path) -> Element:
     try:
         text = _decode(content)
         _check_size(text)
-        robot = _parse_xml(text)
+        robot = parse_xml(text)
         _check_format(robot)
+        for shape in robot.iterfind(".//geometry/*"):
+            shape.tag = shape.tag.removeprefix("drake:")  # Drake's `<drake:capsule>`: the physics engines know it without
         return robot
     except (expat.ExpatError, ValueError) as error:
         reason = error if isinstance(error, InvalidInput) else f"it is not XML ({error}); a hand's `urdf` must be a URDF file"
@@ -253,21 +255,6 @@ def _check_size(text: str) -> None:
         raise InvalidInput("it declares a document type or entities; write out their content")
     if (parts := sum(text.count(tag) for tag in ("<link", "<joint", "<visual", "<collision"))) > MAX_PARTS:
         raise InvalidInput(f"it has {parts} links, joints and shapes, {MAX_PARTS} are the most")
-
-
-def _parse_xml(text: str) -> Element:
-    """Parse XML whose prefixes need no declaration: Drake's `<drake:…>` never has one.
-
-    Drake's own shapes, such as `<drake:capsule>`, lose their prefix: the physics engines know them without.
-    """
-    tree, parser = TreeBuilder(), expat.ParserCreate()
-    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = tree.start, tree.end, tree.data
-    parser.Parse(text, True)
-    robot = tree.close()
-    for geometry in robot.iter("geometry"):
-        for shape in geometry:
-            shape.tag = shape.tag.removeprefix("drake:")
-    return robot
 
 
 def _check_format(robot: Element) -> None:

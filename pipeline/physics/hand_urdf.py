@@ -19,8 +19,7 @@ from pipeline.kernels.touch.sensor import Sensor
 DENSITY = 1000.0  # kg/m³ of the boxes around a link's collision shapes, to estimate the mass of a link without one
 MIN_MASS = 1e-3  # mass of a link without a mass and without collision shapes, kg
 MIN_MOMENT = 1e-9  # kg m², least moment of inertia that is estimated
-ROUNDED = 0.01
-"""Share by which the largest moment of inertia may exceed the sum of the two others, which no body's does: files round."""
+ROUNDED = 0.01  # share by which the largest moment of inertia may exceed the sum of the two others, which no body's does: files round
 LEAST_GYRATION = 0.01
 """Least possible greatest radius of gyration of a link, as a share of the diagonal of its box: a rod has 0.29. No body has more than 1."""
 GEL_MASS = 0.02  # kg, of a gel's plate: a lighter one swings on its spring faster than steps of 1/240 s can follow

@@ -123,12 +123,16 @@ class Recipe(Entries):
     versions: dict[Name, Annotated[str, Field(pattern=r"^[A-Za-z0-9.+!_-]{1,60}(, [A-Za-z0-9.+!_-]{1,60})*$")]]
     processors: tuple[Annotated[Text, Field(max_length=2000)], ...] = ()  # the kinds that computed rows
     # hand, sensor and scene files that come with no package, and small files that they name, by paths in one folder
-    texts: dict[Annotated[str, AfterValidator(_check_text_name)], str] = Field({}, max_length=MAX_TEXTS, exclude_if=lambda value: not value)
+    texts: dict[Annotated[str, AfterValidator(_check_text_name)], str] = Field(
+        default_factory=dict, max_length=MAX_TEXTS, exclude_if=lambda value: not value
+    )
     # SHA-256 of the others that these name: meshes, pictures
-    files: dict[Annotated[str, AfterValidator(check_file_name)], Sha256] = Field({}, max_length=10_000, exclude_if=lambda value: not value)
+    files: dict[Annotated[str, AfterValidator(check_file_name)], Sha256] = Field(
+        default_factory=dict, max_length=10_000, exclude_if=lambda value: not value
+    )
     # where these can be downloaded
     files_url: Annotated[str | None, Field(pattern="^https?://[!-~]{1,1000}$", exclude_if=lambda value: value is None)] = None
-    checksums: dict[Name, Sha256] = Field(default={})  # hash of every other entry; each stage counts as one
+    checksums: dict[Name, Sha256] = Field(default_factory=dict)  # hash of every other entry; each stage counts as one
     objects: str  # a line per object, in order of their ids: its id, source and rows (`rows`)
 
     @cached_property

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS, Y_UP, Opaque, linear_colors
 from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES
-from pipeline.kernels.vision.vertex_colors import seen_colors
+from pipeline.kernels.vision.view_transfer import seen_colors
 from pipeline.models.reconstruction import Reconstruction, join_vision_charts
 from pipeline.store.atomic import write_atomically
 

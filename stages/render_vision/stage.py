@@ -1,6 +1,6 @@
 """`render-vision`: an image of every object alone and one of every grasp (supplement 1.4)."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -23,7 +23,6 @@ from pipeline.formats.hand_listing import list_hand
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, POSITION, bounding_diagonal
 from pipeline.kernels.hand.kinematics import forward_kinematics
-from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.vision.camera import Camera, project_points, projection_matrix
 from pipeline.kernels.vision.scene import Label, NamedCamera, Scene
 from pipeline.store.rows import Row
@@ -31,15 +30,9 @@ from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
-from stages.render_vision.opengl_context import shader_paths
-from stages.render_vision.renderer import MeshHandle, PosedMesh, RenderedImage, Renderer
+from stages.render_vision.renderer import PosedMesh, Renderer, shader_paths
 
-HandMeshes = list[tuple[int, MeshHandle]]
-"""The hand's visual meshes, each with the number of its link."""
-
-
-SPECK = 0.1
-"""Share of an image's side below which an object has too few pixels: 25 of 256."""
+SPECK = 0.1  # share of an image's side below which an object has too few pixels: 25 of 256
 
 
 class VisionSettings(ObjectSettings):
@@ -62,6 +55,27 @@ class VisionSettings(ObjectSettings):
     occluded: bool = setting(
         True, "one image per grasp; false renders only the object alone, in a sixth of the time and the bytes", changes="definition"
     )
+
+
+def leaves_image(camera: Camera, points: np.ndarray) -> bool:
+    """Check whether any of the points (N, 3), world frame, m, is outside a camera's image."""
+    rows, cols = camera.shape
+    pixels = project_points(projection_matrix(camera), points.astype(np.float64))
+    return not bool(((pixels >= 0) & (pixels <= [cols, rows])).all())  # NaN behind the camera is not
+
+
+def is_speck(camera: Camera, points: np.ndarray) -> bool:
+    """Check whether points (N, 3), world frame, m, span less than `SPECK` of a camera's image both ways."""
+    rows, cols = camera.shape
+    spans = np.ptp(project_points(projection_matrix(camera), points.astype(np.float64)), axis=0)
+    return bool((spans < [SPECK * cols, SPECK * rows]).all())
+
+
+IMAGE_FAULTS = {
+    leaves_image: ("not whole in", "move the camera"),
+    is_speck: (f"smaller than {100 * SPECK:.0f} % of", "move the camera nearer"),
+}
+"""What may be wrong with an object in an image, and the remedy."""
 
 
 class RenderVision(ObjectStage):
@@ -98,25 +112,20 @@ class RenderVision(ObjectStage):
 
     def describe_misfits(self, settings: VisionSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
         """Name objects that leave an image, or are too small in it; and an invisible hand."""
-        if settings.occluded and not _hand(settings).visual_meshes:
+        if settings.occluded and not load_hand(str(settings.hand)).visual_meshes:
             yield f"hand {settings.hand} has no visual shapes, so no image shows it: give its URDF <visual> elements"
         scene = _scene(settings)
-        outside: dict[tuple[str, ...], list[str]] = {}
-        specks: dict[tuple[str, ...], list[str]] = {}
+        faulty: dict[tuple[str, str, tuple[str, ...]], list[str]] = {}
         for name, inputs in objects:
             points = inputs["surfaces"]["points"]
             cameras = _cameras(scene, settings, points)
-            for has_fault, names_by_views in ((leaves_image, outside), (is_speck, specks)):
-                if faulty := [camera.name for camera in cameras if has_fault(camera, points)]:
-                    names_by_views.setdefault((*faulty,), []).append(name)
+            for has_fault, (fault, remedy) in IMAGE_FAULTS.items():
+                if views := tuple(camera.name for camera in cameras if has_fault(camera, points)):
+                    faulty.setdefault((fault, remedy, views), []).append(name)
         zoomed = "" if settings.zoom is None else f"leave render-vision.zoom ({settings.zoom:g}) out, or "
-        for views, names in outside.items():
-            remedy = f"{zoomed}move the camera in a scene file ({settings.scene})"
-            yield f"{pluralise(len(names))} not whole in the image of camera {', '.join(views)} ({abbreviate(names)}): {remedy}"
-        for views, names in specks.items():
-            share = f"smaller than {100 * SPECK:.0f} % of the image of camera {', '.join(views)}"
-            remedy = f"{zoomed}move the camera nearer in a scene file ({settings.scene})"
-            yield f"{pluralise(len(names))} {share} ({abbreviate(names)}): {remedy}"
+        for (fault, remedy, views), names in faulty.items():
+            where = f"{fault} the image of camera {', '.join(views)}"
+            yield f"{pluralise(len(names))} {where} ({abbreviate(names)}): {zoomed}{remedy} in a scene file ({settings.scene})"
 
     def constants(self, settings: VisionSettings) -> Row:
         return {"camera": np.array([camera.name for camera in _scene(settings).cameras])}
@@ -134,7 +143,7 @@ class RenderVision(ObjectStage):
     @contextmanager
     def session(self, settings: VisionSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         """Open one renderer per worker, with the hand's meshes in it."""
-        hand = _hand(settings)
+        hand = load_hand(str(settings.hand))
         scene = _scene(settings)
         with Renderer(scene, settings.resolution) as renderer:
             meshes = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in hand.visual_meshes]
@@ -145,16 +154,22 @@ class RenderVision(ObjectStage):
                 mesh = read_mesh(inputs["surfaces"])
                 cameras = _cameras(scene, settings, mesh.vertices)
                 with renderer.added(mesh, Label.OBJECT) as handle:
-                    views = _views((handle, np.eye(4)), meshes, frames if settings.occluded else frames[:0])
+                    views: list[list[PosedMesh]] = [[(handle, np.eye(4))]]
+                    if settings.occluded:
+                        views += [[*views[0], *((part, frame[link]) for link, part in meshes)] for frame in frames]
                     images = [[renderer.render(view, camera) for camera in cameras] for view in views]
-                return _image_row(images, depth=scene.depth) | {"projection": np.stack([projection_matrix(camera) for camera in cameras])}
+                row = {
+                    "unoccluded": np.stack([image.rgb for image in images[0]]),
+                    "segmentation": np.array([[image.segmentation for image in view] for view in images]),
+                    "projection": np.stack([projection_matrix(camera) for camera in cameras]),
+                }
+                if settings.occluded:
+                    row["occluded"] = np.array([[image.rgb for image in view] for view in images[1:]])
+                if scene.depth:
+                    row["camera_depth"] = np.array([[image.depth for image in view] for view in images])
+                return row
 
             yield process
-
-
-def _hand(settings: VisionSettings) -> Hand:
-    """Load the hand that `resolve_settings` has named."""
-    return load_hand(str(settings.hand))
 
 
 def _scene(settings: VisionSettings) -> Scene:
@@ -169,38 +184,6 @@ def _cameras(scene: Scene, settings: VisionSettings, vertices: np.ndarray) -> li
     pixels = [project_points(projection_matrix(camera), POSITION) for camera in scene.cameras]
     cameras = [camera.zoomed(zoom, at) for camera, at in zip(scene.cameras, pixels, strict=True)]
     return [camera.with_resolution(settings.resolution) for camera in cameras]
-
-
-def _views(posed_object: PosedMesh, hand: HandMeshes, frames: np.ndarray) -> list[list[PosedMesh]]:
-    """List the meshes of each view: the object alone, then with the hand at each of `frames` (grasp, link, 4, 4)."""
-    return [[posed_object], *([posed_object, *((handle, frame[link]) for link, handle in hand)] for frame in frames)]
-
-
-def _image_row(images: Sequence[Sequence[RenderedImage]], *, depth: bool) -> Row:
-    """Stack the images of each view and camera."""
-    row = {
-        "unoccluded": np.stack([image.rgb for image in images[0]]),
-        "segmentation": np.array([[image.segmentation for image in view] for view in images]),
-    }
-    if len(images) > 1:
-        row["occluded"] = np.array([[image.rgb for image in view] for view in images[1:]])
-    if depth:
-        row["camera_depth"] = np.array([[image.depth for image in view] for view in images])
-    return row
-
-
-def leaves_image(camera: Camera, points: np.ndarray) -> bool:
-    """Check whether any of the points (N, 3), world frame, m, is outside a camera's image."""
-    rows, cols = camera.shape
-    pixels = project_points(projection_matrix(camera), points.astype(np.float64))
-    return not bool(((pixels >= 0) & (pixels <= [cols, rows])).all())  # NaN behind the camera is not
-
-
-def is_speck(camera: Camera, points: np.ndarray) -> bool:
-    """Check whether points (N, 3), world frame, m, span less than `SPECK` of a camera's image both ways."""
-    rows, cols = camera.shape
-    spans = np.ptp(project_points(projection_matrix(camera), points.astype(np.float64)), axis=0)
-    return bool((spans < [SPECK * cols, SPECK * rows]).all())
 
 
 def image_differences(data: Path, reference: Path) -> dict[str, float]:

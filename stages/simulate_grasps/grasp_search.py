@@ -1,32 +1,36 @@
-"""Attempts at a grasp: plan, close the fingers in physics, and measure where they come to rest."""
+"""The search for an object's best grasps: plan, close the fingers in physics, measure where they come to rest, test whether it holds."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.dataset.grasps import grasp_row
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.engine.stage import Inputs
+from pipeline.engine.unit import Unit
+from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array, Array32
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.distance_field import finger_clearance, penetration_depth
 from pipeline.kernels.hand.grasp import Grasp, closure_margin, contact_from_depth
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
+from pipeline.kernels.hand.pinches import opposed_postures
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.kernels.hand.self_collision import hand_gap
 from pipeline.kernels.touch.depth_maps import touch_success
 from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.physics.hold_test import DOWN, HOLD_TESTS, HoldTest, is_held
 from pipeline.physics.simulation import Simulation
-from stages.simulate_grasps.prepare import PreparedHand, PreparedObject
-from stages.simulate_grasps.stage import GraspSettings
+from pipeline.store.rows import Row
+from stages.simulate_grasps.plans import HoldPlanner, TouchPlanner
+from stages.simulate_grasps.prepare import CLEARANCE, PreparedHand, PreparedObject, prepare_hand, prepare_object
+from stages.simulate_grasps.stage import MAX_ATTEMPTS_FACTOR, GraspSettings
 
-OPENING = 0.006
-"""m that each sensor is drawn back before it closes: about a gel's thickness; 0 and 12 mm touch as often."""
-RESTING_SPEED = 2e-3
-"""rad/s below which a joint rests, a tenth of it in m/s where it slides: at most 1 µm of the sensor's way in one step."""
-
-Posture = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""A hand's pose (4, 4) and joint angles (J,)."""
-Planner = Callable[[np.random.Generator], Posture | None]
-"""Plans a posture in which gels press into the object; None where the hand has no room around it."""
+OPENING = 0.006  # m that each sensor is drawn back before it closes: about a gel's thickness; 0 and 12 mm touch as often
+RESTING_SPEED = 2e-3  # rad/s below which a joint rests, a tenth of it in m/s where it slides: at most 1 µm of the sensor's way in a step
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,66 +41,135 @@ class Attempt:
     penetration: float  # m, of the deepest rigid point in the object
     fault: str | None  # why it cannot be kept: it moves, leaves its joint limits, or penetrates itself or the object
     holds: bool = False  # it passed the hold test of a hold search
-    motions: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 2), np.float32))  # (D, 2) m, m/s, of the object in that test
+    motions: Array32 = field(default_factory=lambda: np.empty((0, 2), np.float32))  # (D, 2) m, m/s, of the object in that test
+
+
+@contextmanager
+def grasping(settings: GraspSettings) -> Iterator[Callable[[Unit, Inputs], Row]]:
+    """Prepare the hand and open physics clients; yield what searches the best grasps of an object and makes its row."""
+    hand = prepare_hand(settings)
+    postures = opposed_postures(hand.ik) if settings.search == "hold" else None
+    with ExitStack() as opened:
+        physics, test = opened.enter_context(Simulation(hand.hand)), None
+        if settings.test != "none":
+            test = opened.enter_context(HoldTest(hand.hand, hand.sensors, mass=settings.hold_mass))
+
+        def process(unit: Unit, inputs: Inputs) -> Row:
+            surface = inputs["surfaces"]
+            mesh = read_mesh(surface)
+            prepared_object = prepare_object(mesh, surface["points"], surface["normals"], reach=hand.reach)
+            physics.load(mesh)
+            if test is not None:
+                test.load(mesh, prepared_object.points)
+            if postures is None:
+                plan = TouchPlanner(hand, prepared_object, settings)
+            else:
+                plan = HoldPlanner(hand, prepared_object, settings, postures, unit.rng("simulate-grasps", "rays"))
+            return GraspSearch(plan, physics, test).best_grasps(unit)
+
+        yield process
 
 
 @dataclass(frozen=True, eq=False)
 class GraspSearch:
-    """The search for grasps of one object, which `physics` has loaded."""
+    """The search for grasps of one object, which physics and hold test have loaded."""
 
-    prepared_hand: PreparedHand
-    prepared_object: PreparedObject
+    plan: TouchPlanner
     physics: Simulation
-    settings: GraspSettings
-    plan: Planner
+    test: HoldTest | None = None
+
+    @property
+    def settings(self) -> GraspSettings:
+        return self.plan.settings
+
+    @property
+    def hand(self) -> PreparedHand:
+        return self.plan.prepared_hand
+
+    @property
+    def object(self) -> PreparedObject:
+        return self.plan.prepared_object
+
+    def best_grasps(self, unit: Unit) -> Row:
+        """Attempt grasps until no better ones are needed, and make the row of the best."""
+        settings = self.settings
+        kept: list[Attempt] = []
+        touched, faults = [], Counter[str]()
+        for number in range(MAX_ATTEMPTS_FACTOR * settings.attempts):
+            full = len(kept) == settings.grasps
+            if (number >= settings.attempts and (full or not kept)) or (full and self._are_enough(kept)):
+                break
+            attempt = self.attempt(unit.rng("simulate-grasps", number))
+            touched.append(attempt.grasp.touched if attempt else np.zeros(len(self.hand.sensors), bool))
+            if attempt is None:
+                faults[f"the hand has no room around the object with clearance {CLEARANCE:g} m"] += 1
+            elif attempt.fault is not None:
+                faults[attempt.fault] += 1
+            else:
+                if settings.search == "hold":
+                    motions, holds = self._measure(attempt.grasp, to_end=False)
+                    attempt = replace(attempt, holds=holds, motions=motions)
+                kept = self.keep_best(kept, attempt)
+        if len(kept) < settings.grasps:
+            extents = ", ".join(f"{extent:.3g}" for extent in np.ptp(self.object.field.vertices, axis=0))
+            raise InvalidInput(
+                f"{len(kept)} of {settings.grasps} grasps found in {len(touched)} attempts: {faults.most_common(1)[0][0]}; scale the "
+                f"object ({extents} m) to between one and five hands, or raise simulate-grasps.attempts"
+            )
+        return {
+            **grasp_row([attempt.grasp for attempt in kept]),
+            "closure": np.array([self.closure(attempt.grasp) for attempt in kept], np.float32),
+            "penetration": np.array([attempt.penetration for attempt in kept], np.float32),
+            "attempts": np.array(len(touched), np.int32),
+            "attempt_success": np.mean(touched, axis=0).astype(np.float32),
+            **self._held(kept),
+        }
 
     def attempt(self, rng: np.random.Generator) -> Attempt | None:
         """Make one grasp, which depends on the search and `rng` alone; None without a plan."""
         posture = self.plan(rng)
         return None if posture is None else self._close(*posture)
 
-    def _close(self, pose: NDArray[np.float64], target: NDArray[np.float64]) -> Attempt:
-        hand, settings = self.prepared_hand.hand, self.settings
+    def _close(self, pose: Array, target: Array) -> Attempt:
+        hand, settings = self.hand.hand, self.settings
         start = self._pregrasp(pose, target)
         angles, rests = self.physics.settle(pose, start, target, max_steps=settings.settle_steps, resting_speed=RESTING_SPEED)
         frames = forward_kinematics(hand, pose, angles)
         poses = sensor_poses_from_links(hand, frames)
         contacts = []
-        for sensor_pose, sensor in zip(poses, self.prepared_hand.sensors, strict=True):
-            depth = ray_depth(self.prepared_object.faces, sensor_pose, sensor)
+        for sensor_pose, sensor in zip(poses, self.hand.sensors, strict=True):
+            depth = ray_depth(self.object.faces, sensor_pose, sensor)
             contacts.append(contact_from_depth(depth, sensor_pose, sensor) if touch_success(depth, sensor) else None)
         squeeze = pregrasp_angles(hand, angles, [-settings.squeeze])[0]
-        penetration = penetration_depth(self.prepared_object.field, self.prepared_hand.spheres, frames)
+        penetration = penetration_depth(self.object.field, self.hand.spheres, frames)
         fault = None
         if not rests:
             fault = f"fingers still move after {settings.settle_steps} steps (simulate-grasps.settle_steps)"
         elif not ((angles >= hand.lower) & (angles <= hand.upper)).all():
             fault = "a joint is pushed beyond its limit"
-        elif hand_gap(hand, self.prepared_hand.ik.boxes, frames) < 0:
+        elif hand_gap(hand, self.hand.ik.boxes, frames) < 0:
             fault = "links of the hand overlap"
         elif penetration > settings.penetration_limit:
             limit = 1e3 * settings.penetration_limit
             fault = f"a rigid link is more than {limit:g} mm inside the object (simulate-grasps.penetration_limit)"
         return Attempt(Grasp(pose, start, angles, squeeze, poses, contacts), penetration, fault)
 
-    def _pregrasp(self, pose: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _pregrasp(self, pose: Array, target: Array) -> Array:
         """Compute the joint angles from which the fingers close: each finger is drawn back as far as there is room behind it."""
-        hand, ik = self.prepared_hand.hand, self.prepared_hand.ik
+        hand, ik = self.hand.hand, self.hand.ik
         postures = pregrasp_angles(hand, target, [OPENING, OPENING / 2, 0.0])
-        clear = finger_clearance(self.prepared_object.field, ik.fingers, forward_kinematics(hand, pose, postures), floor=0.0) >= 0  # (3, S)
+        clear = finger_clearance(self.object.field, ik.fingers, forward_kinematics(hand, pose, postures), floor=0.0) >= 0  # (3, F)
         start = target.copy()
-        for s, finger in enumerate(hand.fingers):
-            if clear[:, s].any():
-                start[list(finger.joints)] = postures[clear[:, s].argmax()][list(finger.joints)]
+        for number, finger in enumerate(hand.fingers):
+            if clear[:, number].any():
+                start[list(finger.joints)] = postures[clear[:, number].argmax()][list(finger.joints)]
         fits = hand_gap(hand, ik.boxes, forward_kinematics(hand, pose, start)) >= 0
         return start if fits else target
 
     def closure(self, grasp: Grasp) -> float:
         """Compute the margin of force closure."""
-        points = self.prepared_object.points
-        size = float(length(points.max(axis=0) - points.min(axis=0))) / 2
-        contacts = [contact for contact in grasp.contacts if contact]
-        return closure_margin(contacts, friction=self.prepared_hand.hand.friction, size=size)
+        size = float(length(np.ptp(self.object.points, axis=0))) / 2
+        return closure_margin([contact for contact in grasp.contacts if contact], friction=self.hand.hand.friction, size=size)
 
     def score(self, grasp: Grasp) -> tuple[float, ...]:
         """Score a grasp by the setting `prefer`; the greatest is best."""
@@ -113,3 +186,36 @@ class GraspSearch:
         """Add a sound grasp to the best ones so far, those that hold first, and keep as many as the settings ask for."""
         best = sorted([*kept, attempt], key=lambda item: (item.holds, *self.score(item.grasp)), reverse=True)  # stable even so
         return best[: self.settings.grasps]
+
+    def _are_enough(self, kept: list[Attempt]) -> bool:
+        """Check whether the search may end: no attempt can add touches to these grasps or, in a hold search, all of them hold."""
+        if self.settings.makes_all_attempts:
+            return False
+        return all(attempt.holds if self.settings.search == "hold" else attempt.grasp.touched.all() for attempt in kept)
+
+    def _measure(self, grasp: Grasp, *, to_end: bool) -> tuple[Array32, bool]:
+        """Measure how far, m, and how fast, m/s, the object moved at the end of the hold test in each direction, (D, 2).
+
+        Unless `to_end`, the first direction in which the grasp does not hold is the last. Also return whether it holds in all; without a
+        test each grasp does.
+        """
+        if self.test is None:
+            return np.empty((0, 2), np.float32), True
+        motions, holds = [], True
+        for acceleration in HOLD_TESTS[self.settings.test]:
+            motion = self.test.hold(grasp, acceleration=acceleration)
+            motions.append(np.array([motion.moved, motion.speed], np.float32))
+            holds &= bool(is_held(*motions[-1]))
+            if not (holds or to_end):
+                break
+        return np.stack(motions), holds
+
+    def _held(self, kept: list[Attempt]) -> Row:
+        """Tell which grasps hold, and how the object moved; those that have not passed all directions are tested in each of them."""
+        if self.test is None:
+            return {}
+        motions = [attempt.motions if attempt.holds else self._measure(attempt.grasp, to_end=True)[0] for attempt in kept]
+        distance, speed = np.moveaxis(np.stack(motions), -1, 0)
+        held = is_held(distance, speed)
+        row = {"held": held[:, HOLD_TESTS[self.settings.test].index(DOWN)], "hold_distance": distance, "hold_speed": speed}
+        return row | ({"held_directions": held} if self.settings.test == "six" else {})

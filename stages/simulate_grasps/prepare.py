@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
+from pipeline.kernels.arrays import Array, Floats
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.collision_shapes import CollisionSpheres, collision_boxes, collision_spheres
 from pipeline.kernels.hand.distance_field import DistanceField, build_distance_field
@@ -18,17 +18,11 @@ from pipeline.kernels.touch.ray_depth import BoxedFaces, box_faces
 from pipeline.kernels.touch.sensor import Sensor
 from stages.simulate_grasps.stage import GraspSettings
 
-SEARCH_SPACING, SEARCH_TOLERANCE = 0.006, 0.002
-"""m, of the spheres by which postures are compared: 1,000 for all fingers, accurate to 1 mm."""
-MEASURE_SPACING = 0.003
-"""m, of the spheres that measure penetration: accurate to 0.3 mm at edges, better on faces."""
-FINGER_GAP = 0.001
-"""m kept between fingers, and between fingers and palm; half of their gap at rest where that is less."""
-CLEARANCE = 0.001
-"""m that rigid links keep from the object: 2 mm costs 4 % of the touches, under 1 mm contact begins to push."""
-GRID_CELL = 0.005
-"""m, side of a cell of the distance grid, or of one of 6 million cells where that is larger: 2.5 mm changes no grasp and takes half as
-long again, with 10 mm one link was 0.2 mm deep."""
+SEARCH_SPACING, SEARCH_TOLERANCE = 0.006, 0.002  # m, of the spheres by which postures are compared: 1,000 in all, accurate to 1 mm
+MEASURE_SPACING = 0.003  # m, of the spheres that measure penetration: accurate to 0.3 mm at edges, better on faces
+FINGER_GAP = 0.001  # m kept between fingers, and between fingers and palm; half of their gap at rest where that is less
+CLEARANCE = 0.001  # m that rigid links keep from the object: 2 mm costs 4 % of the touches, under 1 mm contact begins to push
+GRID_CELL = 0.005  # m of the distance grid: 2.5 mm changes no grasp and takes half as long again, with 10 mm one link was 0.2 mm deep
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,20 +38,20 @@ class PreparedHand:
     @property
     def reach(self) -> float:
         """Distance from an object, m, up to which distances must be known: the clearance and the radius of the largest sphere."""
-        return self.ik.clearance + max(float(spheres.radii.max(initial=0.0)) for spheres in (self.palm_spheres, *self.ik.fingers.spheres))
+        return self.ik.clearance + max(float(spheres.radii.max(initial=0.0)) for spheres in (self.palm_spheres, *self.ik.fingers))
 
 
 @dataclass(frozen=True, eq=False)
 class PreparedObject:
     """An object as grasping needs it."""
 
-    points: NDArray[np.float64]  # (N, 3) exterior, world, m
-    normals: NDArray[np.float64]  # (N, 3) outward
+    points: Array  # (N, 3) exterior, world, m
+    normals: Array  # (N, 3) outward
     field: DistanceField
     faces: BoxedFaces
 
     @cached_property
-    def centre(self) -> NDArray[np.float64]:
+    def centre(self) -> Array:
         """(3,) centre of mass, which is spread evenly over the exterior."""
         return np.asarray(self.points.mean(axis=0))
 
@@ -68,13 +62,8 @@ def prepare_hand(settings: GraspSettings) -> PreparedHand:
     sensors = load_worn_sensors(sensor_names(hand, settings.sensor))
     spheres = collision_spheres(hand, spacing=SEARCH_SPACING, tolerance=SEARCH_TOLERANCE)
     ik = prepare_grasp_ik(hand, spheres, sensors, samples=settings.ik_samples, clearance=CLEARANCE, finger_gap=finger_gap(hand))
-    return PreparedHand(
-        hand=hand,
-        sensors=sensors,
-        palm_spheres=spheres.of_links(np.flatnonzero(hand.link_fingers < 0)),
-        spheres=collision_spheres(hand, spacing=MEASURE_SPACING),
-        ik=ik,
-    )
+    palm_spheres = spheres.of_links(np.flatnonzero(hand.link_fingers < 0))
+    return PreparedHand(hand, sensors, palm_spheres, collision_spheres(hand, spacing=MEASURE_SPACING), ik)
 
 
 def finger_gap(hand: Hand) -> float:
@@ -85,15 +74,11 @@ def finger_gap(hand: Hand) -> float:
 
 def prepare_object(
     mesh: Mesh,  # world, m
-    points: np.ndarray,  # (N, 3) exterior, m
-    normals: np.ndarray,  # (N, 3) outward unit normals
+    points: Floats,  # (N, 3) exterior, m
+    normals: Floats,  # (N, 3) outward unit normals
     *,
     reach: float,  # of the hand, m: distances beyond it need be bounds only
 ) -> PreparedObject:
     """Prepare an object for grasping."""
-    return PreparedObject(
-        points=points.astype(np.float64),
-        normals=normals.astype(np.float64),
-        field=build_distance_field(mesh.vertices, mesh.faces, cell=GRID_CELL, band=reach),
-        faces=box_faces(mesh.triangles),
-    )
+    field = build_distance_field(mesh.vertices, mesh.faces, cell=GRID_CELL, band=reach)
+    return PreparedObject(points.astype(np.float64), normals.astype(np.float64), field, box_faces(mesh.triangles))

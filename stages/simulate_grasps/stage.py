@@ -1,7 +1,7 @@
 """Supplement 1.3: the hand is set on the object at random, its fingers close, contact settles; the best grasps are kept."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -24,8 +24,7 @@ from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 
-MAX_ATTEMPTS_FACTOR = 4
-"""Factor of `attempts` after which the search for an object with some sound grasps, but not enough, is given up."""
+MAX_ATTEMPTS_FACTOR = 4  # times `attempts`, after which the search for an object with some sound grasps, but not enough, is given up
 
 
 class GraspSettings(ObjectSettings):
@@ -157,16 +156,23 @@ class SimulateGrasps(ObjectStage):
     def describe_misfits(self, settings: GraspSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
         """Name links whose mass or inertia is estimated, gels inside their links, and objects that do not fit the hand."""
         from pipeline.kernels.hand.convex_shapes import buried_gels
+        from pipeline.kernels.hand.kinematics import opening
         from pipeline.physics.hand_urdf import inertia_notes
-        from stages.simulate_grasps.size_warnings import opening, size_warnings
 
         hand = load_hand(settings.hand)
         yield from (f"hand {hand.name}: {note}" for note in inertia_notes(hand))
         sensors = load_worn_sensors(sensor_names(hand, settings.sensor))
         yield from (f"hand {hand.name}: {sentence}" for _, sentence in buried_gels(hand, sensors))
-        widest = max(sensor.width for sensor in sensors)
+        smallest, largest = 2 * max(sensor.width for sensor in sensors), opening(hand)
         extents = {name: np.ptp(inputs["surfaces"]["points"], axis=0) for name, inputs in objects}
-        yield from size_warnings(extents, smallest=2 * widest, largest=opening(hand), hand=hand.name)
+        small = [name for name, sides in extents.items() if sides.max() < smallest]
+        large = [name for name, sides in extents.items() if sides.min() > largest]
+        for names, fault in (
+            (small, f"smaller than two sensors of {hand.name} side by side, {1e3 * smallest:.0f} mm"),
+            (large, f"wider on every side than {hand.name} opens, {1e3 * largest:.0f} mm, so that fingers touch one side only, if any"),
+        ):
+            if names:
+                yield f"{pluralise(len(names))} {fault} ({abbreviate(names)}): is the unit right?"
 
     def describe_shard(self, settings: GraspSettings, shard: Shard) -> Iterator[str]:
         """Count the grasps that are kept although no sensor touches."""
@@ -186,13 +192,11 @@ class SimulateGrasps(ObjectStage):
         seconds = attempts * (0.06 + 0.02 * settings.plans + test) if holds else 0.05 * attempts + test * settings.grasps
         return Cost(seconds=0.3 + seconds, kilobytes=settings.grasps)
 
-    @contextmanager
-    def session(self, settings: GraspSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
+    def session(self, settings: GraspSettings, models: Mapping[str, Path]) -> AbstractContextManager[Callable[[Unit, Inputs], Row]]:
         """Prepare the hand and open physics clients, for all objects of a worker."""
-        from stages.simulate_grasps.grasping import Grasping
+        from stages.simulate_grasps.grasp_search import grasping
 
-        with ExitStack() as opened:
-            yield Grasping(settings, opened).process
+        return grasping(settings)
 
 
 def missing_touches(data: Path, reference: Path) -> dict[str, float]:

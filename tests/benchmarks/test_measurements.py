@@ -14,7 +14,7 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.sensor import pixel_centres
 from schemas.touch import TOUCH
-from stages.render_vision.opengl_context import OpenGLContext
+from stages.render_vision.renderer import OpenGLContext
 
 SENSOR = load_sensor("gel_16mm")
 SHAPE = {name: (4, 100, 100, 3)[: len(TOUCH.arrays[name].dims) - 2] for name in store.MAPS}

@@ -1,18 +1,14 @@
 """Workers that die, hang or cannot start, full disks and unreachable schedulers."""
 
 import errno
-import multiprocessing
 import os
 import resource
 import signal
 import socket
 import subprocess
 import sys
-import tempfile
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import dask
@@ -23,63 +19,24 @@ from pipeline.cli.failures import AGAIN
 from pipeline.engine import dask_executor
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
-from pipeline.engine.session import Work
-from pipeline.engine.stage import Inputs
-from pipeline.engine.unit import Unit
 from pipeline.engine.worker_processes import WorkerProcesses
 from pipeline.errors import StageError, StoreError
 from pipeline.store import publish
-from pipeline.store.rows import Row
 from pipeline.store.validate import problems_below
-from tests.engine.tiny_stages import CONSOLE, MakeNoise, NoiseSettings, TakeMean, digest, objects, plan_of, published, request, run
-
-
-class DiesOpening(MakeNoise):
-    """Kills its process while a session opens, unless `flag` exists; with `once`, the first process that dies creates it."""
-
-    def __init__(self, flag: Path, once: bool) -> None:
-        super().__init__()
-        self.flag, self.once = flag, once
-
-    @contextmanager
-    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
-        if not self.flag.exists():
-            if self.once:
-                self.flag.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
-        with super().session(settings, models) as process:
-            yield process
-
-
-class HoldsLock(MakeNoise):
-    """Has a semaphore, as some libraries do."""
-
-    @contextmanager
-    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
-        with multiprocessing.get_context("spawn").Lock(), super().session(settings, models) as process:
-            yield process
-
-
-class Notes(MakeNoise):
-    """Writes files that describe its process when its session opens and closes."""
-
-    def __init__(self, folder: Path) -> None:
-        super().__init__()
-        self.folder = folder
-
-    @contextmanager
-    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
-        opener = threading.get_ident()
-        (self.folder / "temporary").write_text(tempfile.mkdtemp())
-        (self.folder / "threads").write_text(os.environ["OMP_NUM_THREADS"])
-        with super().session(settings, models) as process:
-            yield process
-        (self.folder / ("closed there" if threading.get_ident() == opener else "closed elsewhere")).touch()
-
-
-def work_of(data: Path, stage: MakeNoise | None = None) -> tuple[Work, list[Unit]]:
-    plan = plan_of(request(data, stage=stage))
-    return Work(plan.stage, plan.settings, data, {}, plan.assets), plan.units
+from tests.engine.tiny_stages import (
+    CONSOLE,
+    DiesOpening,
+    MakeNoise,
+    Notes,
+    TakeMean,
+    digest,
+    objects,
+    plan_of,
+    published,
+    request,
+    run,
+    work_of,
+)
 
 
 def test_workers_close_sessions_in_the_thread_that_opened_them_and_leave_no_files(tmp_path, monkeypatch):
@@ -94,7 +51,7 @@ def test_workers_close_sessions_in_the_thread_that_opened_them_and_leave_no_file
 
 
 def test_a_run_whose_worker_died_while_idle_continues(tmp_path):
-    work, units = work_of(tmp_path)
+    work, units = work_of(request(tmp_path))
     with WorkerProcesses() as executor:
         assert len([*executor.run(work, units[:1])]) == 1
         (worker,) = executor._idle
@@ -104,7 +61,7 @@ def test_a_run_whose_worker_died_while_idle_continues(tmp_path):
 
 
 def test_no_more_workers_start_than_there_are_units_and_they_are_reused(tmp_path):
-    work, units = work_of(tmp_path)
+    work, units = work_of(request(tmp_path))
     with WorkerProcesses(3) as executor:
         list(executor.run(work, units[:1]))
         (first,) = executor._idle
@@ -123,7 +80,7 @@ def test_reused_workers_read_replaced_inputs(tmp_path):
 
 
 def test_only_the_crashing_and_hanging_objects_fail_each_after_two_tries(tmp_path):
-    items = objects(6, b="crash", d="hang", e=f"crash once {tmp_path / 'crashed'}")
+    items = objects(6, b="crash", d="hang", e=f"crash-once {tmp_path / 'crashed'}")
     run(request(tmp_path, items=items, settings={"object_seconds": 2}, executor=WorkerProcesses(2)))
     failed = {item.object_id: failure.reason for item in items if (failure := published(tmp_path).failure(item.object_id))}
     assert failed.keys() == {"b", "d"}
@@ -132,7 +89,7 @@ def test_only_the_crashing_and_hanging_objects_fail_each_after_two_tries(tmp_pat
 
 
 def test_closing_at_once_ends_workers_in_the_middle_of_an_object(tmp_path):
-    work, units = work_of(tmp_path)
+    work, units = work_of(request(tmp_path))
     executor = WorkerProcesses(2)
     results = executor.run(work, units)
     next(results)
@@ -145,8 +102,8 @@ def test_closing_at_once_ends_workers_in_the_middle_of_an_object(tmp_path):
 def test_semaphores_of_killed_workers_are_released_without_a_warning(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
-        "from tests.engine.test_executors import *\nif __name__ == '__main__':\n"
-        "    work, units = work_of(Path(sys.argv[1]), HoldsLock())\n    executor = WorkerProcesses()\n"
+        "from tests.engine.tiny_stages import *\nfrom pipeline.engine.worker_processes import WorkerProcesses\nif __name__ == '__main__':\n"
+        "    work, units = work_of(request(Path(sys.argv[1]), HoldsLock()))\n    executor = WorkerProcesses()\n"
         "    next(executor.run(work, units))\n    executor.close(at_once=True)\n"
     )
     ended = subprocess.run([sys.executable, script, tmp_path / "data"], capture_output=True, text=True, check=True)
@@ -271,7 +228,7 @@ class _Cluster:
 @pytest.mark.slow
 def test_restarted_cluster_gives_the_same_digest(tmp_path, monkeypatch):
     run(request(tmp_path / "here"))
-    work, units = work_of(tmp_path / "there")
+    work, units = work_of(request(tmp_path / "there"))
     cluster = _Cluster(tmp_path)
     for name, file in (("CA_FILE", cluster.certificate), ("CLIENT__CERT", cluster.certificate), ("CLIENT__KEY", cluster.key)):
         monkeypatch.setenv(f"DASK_DISTRIBUTED__COMM__TLS__{name}", str(file))

@@ -2,9 +2,12 @@
 
 import ctypes
 import json
+import multiprocessing
 import os
 import signal
 import sys
+import tempfile
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -29,7 +32,6 @@ from pipeline.store.publish import FolderOutput
 from pipeline.store.record import Failure, FolderRecord
 from pipeline.store.rows import Result, Row, conform
 from schemas.base import Array, Artifact, coordinates
-from tests import conftest
 
 CONSOLE = console_on(sys.stderr)
 
@@ -75,7 +77,7 @@ class MakeNoise(_TinyStage):
         self.broken = broken
 
     def assets(self, settings: NoiseSettings) -> list[Path]:
-        return [Path(__file__ if self.asset else conftest.__file__)]
+        return [Path(__file__) if self.asset else Path(__file__).with_name("conftest.py")]
 
     def constants(self, settings: NoiseSettings) -> Row:
         return {"reach": np.ones((settings.samples, 3)), "sensor": np.array([self.asset or "thumb"])}
@@ -86,24 +88,25 @@ class MakeNoise(_TinyStage):
             raise OSError("no device")
 
         def process(unit: Unit, inputs: Inputs) -> Row:
-            if (trouble := str(unit.source.get("trouble"))).startswith("until ") and not Path(trouble[6:]).exists():
-                raise InvalidInput("not yet")
-            if trouble.startswith("crash once ") and not Path(trouble[11:]).exists():
-                Path(trouble[11:]).touch()
-                os.kill(os.getpid(), signal.SIGSEGV)
-            if trouble.startswith("sleep "):
-                Path(trouble[6:]).touch()
-                ctypes.PyDLL(None).sleep(5)
-            match unit.source.get("trouble"):
+            trouble, _, path = str(unit.source.get("trouble")).partition(" ")
+            match trouble:
+                case "until" if not Path(path).exists():
+                    raise InvalidInput("not yet")
                 case "bad":
                     raise InvalidInput("it is bad; make it good")
                 case "bug":
                     raise ZeroDivisionError("a fault of ours")
                 case "memory":
                     raise MemoryError
+                case "sleep":
+                    Path(path).touch()
+                    ctypes.PyDLL(None).sleep(5)  # native code that holds the interpreter lock
                 case "hang":
-                    ctypes.PyDLL(None).sleep(60)  # native code that holds the interpreter lock
+                    ctypes.PyDLL(None).sleep(60)
                 case "crash":
+                    os.kill(os.getpid(), signal.SIGSEGV)
+                case "crash-once" if not Path(path).exists():
+                    Path(path).touch()
                     os.kill(os.getpid(), signal.SIGSEGV)
                 case "nan":
                     return {"values": np.full((settings.samples, 3), np.nan), "label": np.array("x"), "lists/numbers": np.arange(1)}
@@ -111,6 +114,49 @@ class MakeNoise(_TinyStage):
             return {"values": values, "label": np.array(unit.category), "lists/numbers": np.arange(len(unit.name)) + 1}
 
         yield process
+
+
+class DiesOpening(MakeNoise):
+    """Kills its process while a session opens, unless `flag` exists; with `once`, the first process that dies creates it."""
+
+    def __init__(self, flag: Path, once: bool) -> None:
+        super().__init__()
+        self.flag, self.once = flag, once
+
+    @contextmanager
+    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
+        if not self.flag.exists():
+            if self.once:
+                self.flag.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        with super().session(settings, models) as process:
+            yield process
+
+
+class HoldsLock(MakeNoise):
+    """Has a semaphore, as some libraries do."""
+
+    @contextmanager
+    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
+        with multiprocessing.get_context("spawn").Lock(), super().session(settings, models) as process:
+            yield process
+
+
+class Notes(MakeNoise):
+    """Writes files that describe its process when its session opens and closes."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.folder = folder
+
+    @contextmanager
+    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
+        opener = threading.get_ident()
+        (self.folder / "temporary").write_text(tempfile.mkdtemp())
+        (self.folder / "threads").write_text(os.environ["OMP_NUM_THREADS"])
+        with super().session(settings, models) as process:
+            yield process
+        (self.folder / ("closed there" if threading.get_ident() == opener else "closed elsewhere")).touch()
 
 
 class TakeMean(_TinyStage):
@@ -223,11 +269,16 @@ def run(wanted: Request, shard: int | None = None) -> int:
         return sum(made.objects for made in make(wanted, CONSOLE, shard))
 
 
+def work_of(wanted: Request) -> tuple[Work, list[Unit]]:
+    """Return what an executor is given of the only plan of a request."""
+    plan = plan_of(wanted)
+    return Work(plan.stage, plan.settings, wanted.data, plan.model_digests, plan.assets), plan.units
+
+
 def leave_row(wanted: Request, name: str) -> None:
     """Finish the row of one object without publishing it, as a killed run does."""
-    plan = plan_of(wanted)
-    work = Work(plan.stage, plan.settings, wanted.data, plan.model_digests, plan.assets)
-    list(Serial().run(work, [unit for unit in plan.units if unit.name == name]))
+    work, units = work_of(wanted)
+    list(Serial().run(work, [unit for unit in units if unit.name == name]))
 
 
 def pack(wanted: Request, row: Callable[[Unit], Row], failed: str = "") -> None:

@@ -8,7 +8,6 @@ import trimesh
 from PIL import Image
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.collada import cut_concave
 from pipeline.formats.mesh_file import parse_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 
@@ -168,8 +167,23 @@ def test_concave_polygon_is_not_filled(tmp_path: Path, polygons: str) -> None:
     assert (normals[:, 2] > 0).all()
 
 
-@pytest.mark.parametrize("polygons", [POLYLIST, POLYGONS.replace("#vertices", "#others")])
-def test_convex_polygons_and_those_that_are_not_understood_stay(polygons: str) -> None:
-    numbers = "0 0 0 1 0 0 1 1 0 0 1 0" if polygons == POLYLIST else ARROW
-    content = FILE.replace("NUMBERS", numbers).replace("POLYGONS", polygons).encode()
-    assert cut_concave(content) == content
+@pytest.mark.parametrize(
+    "polygons",
+    [
+        f'<tristrips count="1">{INPUTS}<p>0 0 1 0 3 0 2 0</p></tristrips>',
+        f'<trifans count="1">{INPUTS}<p>0 0 1 0 2 0 3 0</p></trifans>',
+    ],
+)
+def test_strips_and_fans_are_read(tmp_path: Path, polygons: str) -> None:
+    (tmp_path / "a.dae").write_text(FILE.replace("NUMBERS", "0 0 0 2 0 0 4 4 0 0 4 0").replace("POLYGONS", polygons))
+    mesh = parse_mesh(tmp_path / "a.dae", tmp_path)
+    assert trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).area == pytest.approx(12)
+
+
+@pytest.mark.parametrize(
+    "damaged", [POLYGONS.replace("#vertices", "#others"), POLYLIST.replace("3 0 0 0", "9 0 0 0"), POLYLIST.replace("4<", "5<")]
+)
+def test_damaged_polygons_are_refused(tmp_path: Path, damaged: str) -> None:
+    (tmp_path / "a.dae").write_text(FILE.replace("NUMBERS", ARROW).replace("POLYGONS", damaged))
+    with pytest.raises(InvalidInput, match=r"damaged|not there"):
+        parse_mesh(tmp_path / "a.dae", tmp_path)

@@ -82,7 +82,7 @@ def test_vertex_colours_stay_with_their_vertices(tmp_path, suffix):
         ("points.ply", POINTS, "no triangle"),
         ("cut.stl", b"solid", "cut.stl"),
         ("noise.glb", bytes(range(256)), "cannot be read as GLB"),
-        ("flat.obj", b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "flat.obj cannot be read as OBJ"),
+        ("flat.obj", b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "flat.obj: a vertex has fewer than three numbers"),
         ("box.zip", b"PK", r"box.zip cannot be read; convert it to one of \.obj"),
         ("large.obj", b"#" * 1001, "has 1001 bytes, 1000 are the most"),
         ("entries.gltf", b"[" * 101, "101 entries in its JSON, 100 are the most"),

@@ -9,32 +9,33 @@ from PIL import Image
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_file import parse_mesh
 from pipeline.formats.mesh_reader import load_mesh
-from pipeline.formats.obj import rewrite_lines, rewrite_uses
 from pipeline.kernels.geometry.mesh import Mesh
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
-LIBRARY = b"newmtl Red\nKd 1 0 0\nnewmtl Wood #25\nKd 0 1 0\nnewmtl two words\nKd 0 0 1\n"
+LIBRARY = "newmtl Red\nKd 1 0 0\nnewmtl Wood #25\nKd 0 1 0\nnewmtl two words\nKd 0 0 1\n"
+GREY = (178, 178, 178)
 
 
 @pytest.mark.parametrize(
-    ("stated", "name"),
+    ("stated", "color"),
     [
-        (b"usemtl Red", b"Red"),
-        (b"usemtl\tRed  ", b"Red"),
-        (b"usemtl Red # of the roof", b"Red"),
-        (b"usemtl red", b"Red"),
-        (b"usemtl Wood #25", b"Wood #25"),
-        (b"usemtl Wood #25 # a comment", b"Wood #25 # a comment"),
-        (b"usemtl two \t words", b"two words"),
-        (b"usemtl None", b"None"),
-        (b"usemtl", b""),
+        ("usemtl Red", (255, 0, 0)),
+        ("usemtl\tRed  ", (255, 0, 0)),
+        ("usemtl Red # of the roof", (255, 0, 0)),
+        ("usemtl red", (255, 0, 0)),
+        ("usemtl Wood #25", (0, 255, 0)),
+        ("usemtl Wood #25 # a comment", GREY),
+        ("usemtl two \t words", (0, 0, 255)),
+        ("usemtl None", GREY),
+        ("usemtl", GREY),
     ],
 )
-def test_materials_are_found_by_their_names(stated: bytes, name: bytes) -> None:
-    unread = list[str]()
-    content = rewrite_uses(b"v 0 0 0\n" + stated + b"\nf 1 2 3\n", LIBRARY, unread)
-    assert content.split(b"\n")[1] == (b"usemtl " + name if name else b"usemtl")
-    assert unread == (["materials that no library defines are not read: Wood #25 # a comment"] if b"a comment" in stated else [])
+def test_materials_are_found_by_their_names(tmp_path: Path, stated: str, color: tuple[int, ...]) -> None:
+    (tmp_path / "a.mtl").write_text(LIBRARY)
+    (tmp_path / "a.obj").write_text(f"mtllib a.mtl\n{CORNERS}{stated}\nf 1 2 3\n")
+    mesh = parse_mesh(tmp_path / "a.obj", tmp_path)
+    assert mesh.look.base_color.tolist() == [[*color, 255]]
+    assert mesh.unread == (("materials that no library defines are not read: Wood #25 # a comment",) if "a comment" in stated else ())
 
 
 def test_undefined_materials_and_several_definitions_are_said(tmp_path: Path) -> None:
@@ -188,11 +189,19 @@ def test_relative_numbers_count_from_their_place_in_the_file(tmp_path: Path) -> 
         load_mesh(tmp_path / "two.obj")
 
 
-def test_polygons_that_are_convex_or_damaged_stay_as_they_are() -> None:
-    square = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
-    for polygon in (b"f 1 2 3 4\n", b"f 1 2 3 9\n", b"f 0 1 2 3\n", b"f 1 1 1 1\n", b"f - / 2 3\n"):
-        assert rewrite_lines(square + polygon) == square + polygon
-    assert rewrite_lines(b"v 0 0 x\nf 1 1 1 1\n") == b"v 0 0 x\nf 1 1 1 1\n"
+@pytest.mark.parametrize(
+    ("face", "words"),
+    [
+        ("f 1 2 3 9", "a face names a vertex outside 0..3"),
+        ("f - / 2 3", "cannot be read as OBJ"),
+        ("f 1 2 x", "it has 'x' where a number is expected"),
+        ("v 1 2\nf 1 2 3", "a vertex has fewer than three numbers"),
+    ],
+)
+def test_damaged_lines_are_refused(tmp_path: Path, face: str, words: str) -> None:
+    (tmp_path / "a.obj").write_text(f"{CORNERS}{face}\n")
+    with pytest.raises(InvalidInput, match=words):
+        parse_mesh(tmp_path / "a.obj", tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from pipeline.formats.hand_file import load_hand
 from pipeline.formats.urdf import ignored_limits, parse_urdf, read_urdf
 from pipeline.formats.urdf_shapes import shape_of
 from pipeline.kernels.hand.model import Hand
-from pipeline.physics.client import PhysicsClient
 from pipeline.physics.hand_urdf import write_hand_urdf
+from pipeline.physics.simulation import PhysicsClient
 
 ROBOT = '<robot name="r"><link name="{}"/></robot>'
 

@@ -10,7 +10,7 @@ from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import close_links
-from pipeline.physics import hand_body
+from pipeline.physics import simulation
 from pipeline.physics.simulation import Simulation
 from stages.simulate_grasps.prepare import FINGER_GAP, finger_gap
 from tests.kernels.hand.meshes import centred
@@ -47,10 +47,10 @@ def settled(hand: Hand) -> np.ndarray:
 def test_fingers_side_by_side_are_not_pushed_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     hand = load_pair(tmp_path, GAP)
     assert settled(hand).max() < 2e-3
-    monkeypatch.setattr(hand_body, "HULL_MARGIN", 0.0)
-    hand_body._untested_pairs.cache_clear()
+    monkeypatch.setattr(simulation, "HULL_MARGIN", 0.0)
+    simulation._untested_pairs.cache_clear()
     assert settled(hand).max() > 2e-3  # as without the rule
-    hand_body._untested_pairs.cache_clear()
+    simulation._untested_pairs.cache_clear()
 
 
 def test_finger_gap_is_at_most_half_of_the_gap_at_rest(tmp_path: Path, hand: Hand) -> None:

@@ -14,8 +14,7 @@ from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.ray_depth import box_faces
 from pipeline.kernels.touch.sensor import Gel
-from pipeline.physics.hold_test import GEL_MODULUS, GRAVITY, OVERLAP, HoldTest, gel_spring
-from pipeline.physics.motion import REST, WITHIN, Motion, Track, is_held
+from pipeline.physics.hold_test import GEL_MODULUS, GRAVITY, OVERLAP, REST, WITHIN, HoldTest, Motion, Track, gel_spring, is_held
 from tests.kernels.hand.meshes import centred, points_on
 from tests.physics.pincers import check_friction_limit
 
@@ -78,7 +77,7 @@ def test_opposed_gels_hold_weights_up_to_the_friction_limit_and_one_gel_none() -
 
 
 def test_untouched_object_falls_freely_and_gels_without_contact_stay_drawn_in() -> None:
-    check_untouched_object(HoldTest, lambda test: [test.client.getJointState(test._hand.body, gel)[0] for gel in test._gels])
+    check_untouched_object(HoldTest, lambda test: [test.client.getJointState(test._body.body, gel)[0] for gel in test._gels])
 
 
 def recorded(distance: Callable[[float], float]) -> tuple[float, Motion]:

@@ -9,9 +9,7 @@ import trimesh
 
 from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.model import Hand
-from pipeline.physics.client import pybullet
-from pipeline.physics.hold_test import GRAVITY
-from pipeline.physics.simulation import Simulation
+from pipeline.physics.simulation import GRAVITY, Simulation, pybullet
 from tests.kernels.hand.meshes import centred, mug
 
 STEP = 1 / 240

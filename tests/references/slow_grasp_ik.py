@@ -58,7 +58,7 @@ def slow_contact_values(ik: GraspIk, field: DistanceField, frames: np.ndarray) -
     for f, finger in enumerate(ik.hand.fingers):
         for s in finger.sensors:
             tip = frames[:, None, ik.hand.sensors[s].link]
-            probes = (tip[..., :3, :3] * ik.fingers.probes[s][:, None]).sum(axis=-1) + tip[..., :3, 3]
+            probes = (tip[..., :3, :3] * ik.gels[s][:, None]).sum(axis=-1) + tip[..., :3, 3]
             distance = slow_distance(field, probes.astype(np.float32))
             miss = np.maximum(distance.min(axis=1), 0) / np.float32(1e-3)
             coverage = (distance < 0).mean(axis=1, dtype=np.float32)
@@ -69,7 +69,7 @@ def slow_contact_values(ik: GraspIk, field: DistanceField, frames: np.ndarray) -
 def slow_clearance(ik: GraspIk, field: DistanceField, frames: np.ndarray) -> np.ndarray:
     """(N, F) m, of the nearest sphere of each finger."""
     clearance = []
-    for own in ik.fingers.spheres:
+    for own in ik.fingers:
         links = frames.astype(np.float32)[:, own.link]
         turned = links[..., :3, :3] * own.centres.astype(np.float32)[:, None]
         centres = (turned[..., 0] + turned[..., 1]) + (turned[..., 2] + links[..., :3, 3])

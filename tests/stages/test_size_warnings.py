@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from pipeline.formats.hand_file import load_hand
+from pipeline.kernels.hand.kinematics import opening
 from pipeline.kernels.vision.camera import Camera
 from stages.render_vision.stage import is_speck, leaves_image
-from stages.simulate_grasps.size_warnings import opening, size_warnings
+from stages.simulate_grasps.stage import GraspSettings, SimulateGrasps
 
 ABOVE = Camera(position=(0, 0, 1), rotation=(0, 0, 0), focal=(100, 100), centre=(32, 32), resolution=64)
 
@@ -39,8 +40,9 @@ def test_object_of_few_pixels_is_reported_as_too_small(side: float, speck: bool)
 
 def test_size_warnings_name_the_objects() -> None:
     sides = {"speck": (0.002, 0.003, 0.004), "mug": (0.1, 0.1, 0.12), "crate": (0.9, 0.7, 1.2), "pole": (2.0, 0.02, 0.02)}
-    extents = {name: np.array(one) for name, one in sides.items()}
-    small, large = size_warnings(extents, smallest=0.03, largest=0.14, hand="claw")
+    objects = [(name, {"surfaces": {"points": np.array([np.zeros(3), size])}}) for name, size in sides.items()]
+    lines = list(SimulateGrasps().describe_misfits(GraspSettings(hand="two_finger_gripper"), objects))
+    small, large = (line for line in lines if "is the unit right" in line)
     assert "1 object smaller" in small
     assert "speck" in small
     assert "1 object wider" in large

@@ -1,8 +1,8 @@
-"""Read a dataset as frames, one per grasp, with the type of each column, for every table format."""
+"""Read a dataset as frames, one per grasp, with the type, unit and meaning of each column, for every table format."""
 
 import io
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -25,11 +25,13 @@ Kind = Literal["string", "int64", "bool", "float32", "float64", "image"]
 
 @dataclass(frozen=True)
 class Column:
-    """Describe a column: its kind, the shape of one value (() of a scalar), and names of the entries along its first axis."""
+    """A column of all frames."""
 
     kind: Kind
-    shape: tuple[int, ...] = ()
-    names: tuple[str, ...] = ()
+    shape: tuple[int, ...] = ()  # of one value; () of a scalar
+    names: tuple[str, ...] = ()  # of the entries along its first axis
+    unit: str = "1"
+    meaning: str = ""
 
 
 BY_FINGER = ("tactile_image", "depth")
@@ -53,40 +55,45 @@ class GraspFrames:
             raise StoreError(f"{data.resolve()} has no object in the splits {', '.join(SPLITS)}")
         self.labels = {dim: tuple(str(name) for name in grasps.first.read(dim)) for dim in ("sensor", "joint")}
         self.grasps = self.rows.size("joint_angles", "grasp")
-        self._categories = dict(zip(self.rows.object_ids, self.rows.categories, strict=True))
-        self.columns = {name: Column("string") for name in ("object_id", "category", "split")} | {"grasp": Column("int64")}
+        self.count = sum(map(len, self.object_ids.values()))  # of objects
+        self.summary = pluralise(self.grasps * self.count, "grasp")
+        identifiers = {name: artifact_of(name).arrays[name] for name in ("object_id", "category", "split")}
+        self.columns = {name: Column("string", unit=array.units, meaning=array.description) for name, array in identifiers.items()}
+        self.columns["grasp"] = Column("int64", meaning="Number of the grasp, 0 the best.")
         for name in self.arrays:
             self.columns |= self._describe(name)
 
-    def objects(self) -> Iterator[tuple[str, str, list[dict[str, Any]]]]:
-        """Yield the split, the id and the frames of each object, split by split, and show the progress."""
-        with Meter(errors, "export", sum(map(len, self.object_ids.values())), "objects") as meter:
+    def objects(self) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+        """Yield the split and the frames of each object, split by split, and show the progress.
+
+        A frame has values by column; images are (rows, cols, 3) uint8.
+        """
+        categories = dict(zip(self.rows.object_ids, self.rows.categories, strict=True))
+        with Meter(errors, "export", self.count, "objects") as meter:
             for split, ids in self.object_ids.items():
                 for object_id in ids:
-                    yield split, object_id, list(self.frames(object_id, split))
+                    frames = []
+                    for grasp in range(self.grasps):
+                        frame = {"object_id": object_id, "category": categories[object_id], "split": split, "grasp": grasp}
+                        for name in self.arrays:
+                            value = self.rows.read(name, object_id, grasp, camera=0)
+                            frame |= self._by_finger(name, value) if name in BY_FINGER else {name: value}
+                        frames.append(frame)
+                    yield split, frames
                     meter.advance()
-
-    @property
-    def summary(self) -> str:
-        """The number of grasps."""
-        return pluralise(self.grasps * sum(map(len, self.object_ids.values())), "grasp")
-
-    def frames(self, object_id: str, split: str) -> Iterator[dict[str, Any]]:
-        """Yield the frames of an object, values by column; images are (rows, cols, 3) uint8."""
-        for grasp in range(self.grasps):
-            frame: dict[str, Any] = {"object_id": object_id, "category": self._categories[object_id], "split": split, "grasp": grasp}
-            for name in self.arrays:
-                value = self.rows.read(name, object_id, grasp, camera=0)
-                frame |= self._by_finger(name, value) if name in BY_FINGER else {name: value}
-            yield frame
 
     def _describe(self, name: str) -> dict[str, Column]:
         """Describe the columns of an array by its schema."""
         array = artifact_of(name).arrays[name]
         dims = [dim for dim in array.dims if dim not in ("object", "grasp", "camera", *(("sensor",) if name in BY_FINGER else ()))]
         kind: Any = "image" if dims[-1] == "rgb" else array.dtype
-        column = Column(kind, tuple(self.rows.size(name, dim) for dim in dims), self.labels.get(dims[0], ()))
-        return self._by_finger(name, [column] * len(self.labels["sensor"])) if name in BY_FINGER else {name: column}
+        shape, names = tuple(self.rows.size(name, dim) for dim in dims), self.labels.get(dims[0], ())
+        column = Column(kind, shape, names, array.units, array.description)
+        if name not in BY_FINGER:
+            return {name: column}
+        return self._by_finger(
+            name, (replace(column, meaning=f"{column.meaning} Of the sensor on {finger}.") for finger in self.labels["sensor"])
+        )
 
     def _by_finger(self, name: str, values: Iterable[Any]) -> dict[str, Any]:
         return {f"{name}.{finger}": value for finger, value in zip(self.labels["sensor"], values, strict=True)}

@@ -6,7 +6,9 @@ are lossy: MP4 compresses colours, and its depth has 12 bits.
 
 import json
 import tempfile
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Mapping
+from contextlib import ExitStack
 from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import IO, Any
@@ -36,32 +38,37 @@ INDEX = {name: Column("int64") for name in ("frame_index", "episode_index", "ind
 def export_lerobot(data: Location, folder: Path) -> str:
     """Write `data`, `meta/info.json`, `meta/stats.json`, `meta/tasks.parquet` and `meta/episodes`."""
     pa, frames = import_arrow(), GraspFrames(data)
+    import pandas
+
     columns = {_name(name): column for name, column in frames.columns.items()} | {"timestamp": Column("float32")} | INDEX
-    tasks = sorted({_task(category) for category in frames.rows.categories})
+    schema, tasks = schema_of(columns), sorted({_task(category) for category in frames.rows.categories})
     episodes: list[dict[str, Any]] = []
-    files, index = _DataFiles(pa, folder, schema_of(columns)), 0
-    with tempfile.TemporaryFile(dir=folder) as spooled:
+    index, number, size = 0, -1, FILE_BYTES  # of the next frame; of the current data file, and its bytes
+    with tempfile.TemporaryFile(dir=folder) as spooled, ExitStack() as opened:
         statistics = _Statistics(columns, spooled)
-        for _, _, object_frames in frames.objects():
-            rows, start, task = [], index, tasks.index(_task(object_frames[0]["category"]))
+        for _, object_frames in frames.objects():
+            task = tasks.index(_task(object_frames[0]["category"]))
+            rows = []
             for grasp, frame in enumerate(object_frames):
-                numbers = {
-                    "timestamp": grasp / FPS,
-                    "frame_index": grasp,
-                    "episode_index": len(episodes),
-                    "index": index,
-                    "task_index": task,
-                }
-                rows.append({_name(name): value for name, value in frame.items()} | numbers)
+                numbers = {"frame_index": grasp, "episode_index": len(episodes), "index": index + grasp, "task_index": task}
+                rows.append({_name(name): value for name, value in frame.items()} | {"timestamp": grasp / FPS} | numbers)
                 statistics.update(rows[-1])
-                index += 1
-            chunk, file = files.write(table_of(rows, columns))
-            places = {"data/chunk_index": chunk, "data/file_index": file, "meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
-            span = {"dataset_from_index": start, "dataset_to_index": index}
-            episodes.append({"episode_index": len(episodes), "tasks": [tasks[task]], "length": len(rows), **places, **span})
+            if size >= FILE_BYTES:
+                opened.close()  # the file before
+                number, size = number + 1, 0
+                path = folder / "data" / f"chunk-{number // CHUNK:03d}" / f"file-{number % CHUNK:03d}.parquet"
+                path.parent.mkdir(parents=True, exist_ok=True)
+                writer = opened.enter_context(pa.parquet.ParquetWriter(path, schema, compression="snappy"))
+            table = table_of(rows, columns)
+            writer.write_table(table)
+            size += table.nbytes
+            files = {"data/chunk_index": number // CHUNK, "data/file_index": number % CHUNK}
+            files |= {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
+            span = {"dataset_from_index": index, "dataset_to_index": index + len(rows)}
+            episodes.append({"episode_index": len(episodes), "tasks": [tasks[task]], "length": len(rows), **files, **span})
+            index += len(rows)
         summary = statistics.summary()
-    files.close()
-    _write_meta(pa, folder, episodes, tasks)
+    ends = list(accumulate(map(len, frames.object_ids.values()), initial=0))
     info = {
         "codebase_version": VERSION,
         "robot_type": frames.rows.attributes("grasps").get("hand", {}).get("name", "unknown"),
@@ -72,20 +79,19 @@ def export_lerobot(data: Location, folder: Path) -> str:
         "data_files_size_in_mb": FILE_BYTES // 10**6,
         "video_files_size_in_mb": 200,
         "fps": FPS,
-        "splits": _splits(frames),
+        "splits": {split: f"{start}:{end}" for split, (start, end) in zip(frames.object_ids, pairwise(ends), strict=True)},  # of episodes
         "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
         "video_path": None,
         "features": {name: _feature(column) for name, column in columns.items()},
     }
-    (folder / "meta" / "info.json").write_text(json.dumps(info, indent=4))
-    (folder / "meta" / "stats.json").write_text(json.dumps(summary, indent=4))
+    meta = folder / "meta"
+    (meta / "episodes" / "chunk-000").mkdir(parents=True)
+    pa.parquet.write_table(pa.Table.from_pylist(episodes), meta / "episodes" / "chunk-000" / "file-000.parquet")
+    table = pandas.DataFrame({"task_index": range(len(tasks))}, index=pandas.Index(tasks, name="task"))
+    pa.parquet.write_table(pa.Table.from_pandas(table), meta / "tasks.parquet")
+    (meta / "info.json").write_text(json.dumps(info, indent=4))
+    (meta / "stats.json").write_text(json.dumps(summary, indent=4))
     return frames.summary
-
-
-def _splits(frames: GraspFrames) -> dict[str, str]:
-    """Name the episodes of each split: from the first to before the last."""
-    ends = list(accumulate(map(len, frames.object_ids.values()), initial=0))
-    return {split: f"{start}:{end}" for split, (start, end) in zip(frames.object_ids, pairwise(ends), strict=True)}
 
 
 def _name(name: str) -> str:
@@ -103,41 +109,6 @@ def _feature(column: Column) -> dict[str, Any]:
 
 def _task(category: str) -> str:
     return f"grasp {'an' if category[:1].lower() in 'aeiou' else 'a'} {category}"
-
-
-class _DataFiles:
-    """Writes tables one after the other into files of about `FILE_BYTES`."""
-
-    def __init__(self, pa: Any, folder: Path, schema: Any) -> None:
-        self._pa, self._folder, self._schema = pa, folder, schema
-        self._number, self._bytes, self._writer = -1, FILE_BYTES, None
-
-    def write(self, table: Any) -> tuple[int, int]:
-        """Write a table; return the numbers of its folder and its file."""
-        if self._bytes >= FILE_BYTES:
-            self.close()
-            self._number, self._bytes = self._number + 1, 0
-            path = self._folder / "data" / f"chunk-{self._number // CHUNK:03d}" / f"file-{self._number % CHUNK:03d}.parquet"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._writer = self._pa.parquet.ParquetWriter(path, self._schema, compression="snappy")
-        assert self._writer is not None
-        self._writer.write_table(table)
-        self._bytes += table.nbytes
-        return self._number // CHUNK, self._number % CHUNK
-
-    def close(self) -> None:
-        """Finish the file that is open."""
-        if self._writer is not None:
-            self._writer.close()
-
-
-def _write_meta(pa: Any, folder: Path, episodes: list[dict[str, Any]], tasks: list[str]) -> None:
-    import pandas
-
-    (folder / "meta" / "episodes" / "chunk-000").mkdir(parents=True, exist_ok=True)
-    pa.parquet.write_table(pa.Table.from_pylist(episodes), folder / "meta" / "episodes" / "chunk-000" / "file-000.parquet")
-    table = pandas.DataFrame({"task_index": range(len(tasks))}, index=pandas.Index(tasks, name="task"))
-    pa.parquet.write_table(pa.Table.from_pandas(table), folder / "meta" / "tasks.parquet")
 
 
 class _Statistics:
@@ -180,30 +151,22 @@ def _of_numbers(
     values: np.ndarray,  # (N, K)
 ) -> dict[str, np.ndarray]:
     """Compute the statistics of the finite values of each column; +inf is the only other one."""
-    ordered = np.sort(values, axis=0)
-    finite = np.isfinite(ordered)
-    ordered, counts = np.where(finite, ordered, 0).astype(np.float64), finite.sum(axis=0)
-    mean = ordered.sum(axis=0) / np.maximum(counts, 1)
-    variance = (finite * (ordered - mean) ** 2).sum(axis=0) / np.maximum(counts, 1)
-    return {"mean": mean, "std": np.sqrt(variance), **_quantiles(lambda index: ordered[index, np.arange(len(index))], counts)}
+    finite = np.where(np.isfinite(values), values, np.nan).astype(np.float64)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of columns without a finite value
+        quantiles = np.nanquantile(finite, list(QUANTILES.values()), axis=0)
+        summary = {"mean": np.nanmean(finite, axis=0), "std": np.nanstd(finite, axis=0), **dict(zip(QUANTILES, quantiles, strict=True))}
+    return {name: np.nan_to_num(value) for name, value in summary.items()}
 
 
 def _of_levels(
     counts: np.ndarray,  # (256,) pixels of each level
-) -> dict[str, np.ndarray]:
+) -> dict[str, Any]:
     """Compute the statistics of a channel from its histogram."""
     levels, cumulative = np.arange(256) / 255, np.cumsum(counts)
     mean = counts @ levels / cumulative[-1]
-    variance = counts @ (levels - mean) ** 2 / cumulative[-1]
-    ordered = _quantiles(lambda index: levels[np.searchsorted(cumulative, index, side="right")], cumulative[-1])
-    return {"mean": mean, "std": np.sqrt(variance), **ordered}
-
-
-def _quantiles(ordered: Callable[[np.ndarray], np.ndarray], counts: np.ndarray) -> dict[str, np.ndarray]:
-    """Interpolate quantiles between the sorted values that `ordered` returns at indices, as NumPy does."""
-    quantiles = {}
-    for name, share in QUANTILES.items():
-        position = share * np.maximum(counts - 1, 0)
-        below, above = (ordered(bound(position).astype(np.int64)) for bound in (np.floor, np.ceil))
-        quantiles[name] = below + (position % 1) * (above - below)
-    return quantiles
+    position = np.array(list(QUANTILES.values())) * (cumulative[-1] - 1)
+    below, above = (levels[np.searchsorted(cumulative, bound(position), side="right")] for bound in (np.floor, np.ceil))
+    quantiles = below + (position % 1) * (above - below)
+    std = np.sqrt(counts @ (levels - mean) ** 2 / cumulative[-1])
+    return {"mean": mean, "std": std, **dict(zip(QUANTILES, quantiles, strict=True))}

@@ -1,15 +1,14 @@
 """Export to Hugging Face parquet: one table per split, a row per grasp; images decode, arrays keep shape and type."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pipeline.contrib.exports.croissant import write_croissant
-from pipeline.contrib.exports.dataset_card import About, Facts, write_card
+from pipeline.contrib.exports.dataset_card import About, Facts, write_card, write_croissant
 from pipeline.contrib.exports.grasp_frames import Column, GraspFrames, png
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import read_description
@@ -27,7 +26,7 @@ def export_parquet(data: Location, folder: Path, about: Path | None = None) -> s
             split: opened.enter_context(pa.parquet.ParquetWriter(folder / "data" / f"{split}.parquet", schema, compression="zstd"))
             for split in frames.object_ids
         }
-        for split, _, rows in frames.objects():
+        for split, rows in frames.objects():
             writers[split].write_table(table_of(rows, frames.columns))
     facts = Facts(data, frames)
     write_card(data, facts, publisher, folder)
@@ -68,23 +67,16 @@ def feature_of(column: Column) -> dict[str, Any]:
 def table_of(frames: Sequence[Mapping[str, Any]], columns: Mapping[str, Column]) -> Any:
     """Make a table of frames (see `GraspFrames`); images become PNG."""
     pa, schema = import_arrow(), schema_of(columns)
-    arrays = [_array(pa, [frame[name] for frame in frames], column, schema.field(name).type) for name, column in columns.items()]
+    arrays = []
+    for name, column in columns.items():
+        write: Callable[[Any], Any] = _nested if column.kind != "image" else lambda image: {"bytes": png(image), "path": None}
+        arrays.append(pa.array([write(frame[name]) for frame in frames], schema.field(name).type))
     return pa.Table.from_arrays(arrays, schema=schema)
 
 
-def _array(pa: Any, values: list[Any], column: Column, arrow_type: Any) -> Any:
-    if column.kind == "image":
-        return pa.array([{"bytes": png(value), "path": None} for value in values], arrow_type)
-    if not column.shape:
-        return pa.array(values, arrow_type)
-    flat = np.stack(values)
-    array = pa.array(flat.reshape(-1))
-    if len(column.shape) == 1:
-        return pa.FixedSizeListArray.from_arrays(array, column.shape[0])
-    for axis in range(flat.ndim - 1, 0, -1):  # lists of lists, the innermost first
-        lists = int(np.prod(flat.shape[:axis]))
-        array = pa.ListArray.from_arrays(np.arange(lists + 1, dtype=np.int32) * flat.shape[axis], array)
-    return array
+def _nested(value: Any) -> Any:
+    """Split an array into lists of rows, as Arrow takes it."""
+    return value if np.ndim(value) < 2 else [_nested(part) for part in value]
 
 
 def _type(pa: Any, column: Column) -> Any:

@@ -22,7 +22,7 @@ def export_webdataset(data: Location, folder: Path) -> str:
     frames = GraspFrames(data)
     samples: Counter[str] = Counter()
     with ExitStack() as opened:
-        for split, _, rows in frames.objects():
+        for split, rows in frames.objects():
             for frame in rows:
                 if samples[split] % SAMPLES == 0:
                     opened.close()  # the shard before

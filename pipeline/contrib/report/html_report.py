@@ -29,7 +29,7 @@ from pipeline.drawing.plots import draw_bars, draw_curves, draw_errors, draw_his
 from pipeline.drawing.written_files import WRITTEN, ObjectCard, Pages, read_list, refuse_links
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
-from pipeline.physics.motion import REST, WITHIN
+from pipeline.physics.hold_test import REST, WITHIN
 from pipeline.store import digest
 from pipeline.store.atomic import atomic_writes
 from pipeline.store.digest import hashes_of

@@ -44,15 +44,8 @@ class RayScene:
         occlusion = self._scene.run(origins.reshape(-1, 3), rays.reshape(-1, 3), query="OCCLUDED")  # 0 where something is hit
         return np.asarray(occlusion, bool).reshape(origins.shape[:-1])
 
-
-class EscapeTest:
-    """Counts the rays that escape from points on a mesh's surface, in `directions` directions of the sphere."""
-
-    def __init__(self, mesh: Mesh, directions: int = DIRECTIONS) -> None:
-        self._scene, self._directions = RayScene(mesh.vertices, mesh.faces), spread_directions(directions)
-
-    def count(self, points: Array, normals: Array) -> tuple[Indices, Indices]:  # (N,) each
-        """Count the rays that escape in front of and behind a surface, at points (N, 3) with unit normals (N, 3).
+    def count_escapes(self, points: Array, normals: Array, directions: Array) -> tuple[Indices, Indices]:  # (N,) each
+        """Count the rays that escape in front of and behind the surface, at points (N, 3) on it with unit normals (N, 3).
 
         Counts stop at `CERTAIN_ESCAPES` on one side and none on the other; whether a point is exterior and where outside is are the full
         count's answers.
@@ -60,10 +53,10 @@ class EscapeTest:
         front, back = np.zeros(len(points), np.intp), np.zeros(len(points), np.intp)
         undecided = np.arange(len(points))
         first, size = 0, 8
-        while first < len(self._directions) and len(undecided):
-            directions = self._directions[first : first + size]
-            free = self._scene.escape(points[undecided, None], directions, RAY_OFFSET)
-            ahead = np.einsum("nc,cd->nd", normals[undecided], np.ascontiguousarray(directions.T)) > 0
+        while first < len(directions) and len(undecided):
+            batch = directions[first : first + size]
+            free = self.escape(points[undecided, None], batch, RAY_OFFSET)
+            ahead = np.einsum("nc,cd->nd", normals[undecided], np.ascontiguousarray(batch.T)) > 0
             front[undecided] += (free & ahead).sum(axis=1)
             back[undecided] += (free & ~ahead).sum(axis=1)
             certain = (np.maximum(front, back) >= CERTAIN_ESCAPES) & (np.minimum(front, back) == 0)
@@ -96,7 +89,7 @@ def sample_exterior(
     triangles = mesh.triangles
     sample_triangles(triangles, 0, rng)  # refuses a mesh without a surface before its size divides anything
     vectors = face_cross_products(triangles)
-    escapes = EscapeTest(mesh, directions)
+    scene, rays = RayScene(mesh.vertices, mesh.faces), spread_directions(directions)
     points, normals = np.zeros((0, 3)), np.zeros((0, 3))
     drawn = 0
     while len(points) < count:
@@ -107,7 +100,7 @@ def sample_exterior(
         size = int(min(max((count - len(points)) / share * 1.05, 256), 4 * count))
         candidates, face = sample_triangles(triangles, size, rng)
         unit = unit_vectors(vectors[face])
-        front, back = escapes.count(candidates, unit)
+        front, back = scene.count_escapes(candidates, unit, rays)
         exterior = front + back >= MIN_ESCAPES
         outward = np.where(back > front, -1.0, 1.0)[:, None] * unit
         points, normals = np.concatenate([points, candidates[exterior]]), np.concatenate([normals, outward[exterior]])

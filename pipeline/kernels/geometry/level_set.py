@@ -61,10 +61,15 @@ def level_set_mesh(
             _evaluate(values, missing, field, low, step)
             computed |= missing
     if not loose_pieces:
+        region, regions = scipy.ndimage.label(values < 0)  # 0 where values are positive
+        size = np.bincount(region.ravel())
+        size[0] = 0
         anchors = np.zeros(values.shape, bool)
         if dense_points is not None:
             _mark_cells_around(anchors, np.asarray(dense_points) - low, step, dense_radius)
-        _leave_out_loose_pieces(values, anchors)
+        kept = np.bincount(region[anchors], minlength=regions + 1) > 0
+        kept[0] = kept[size.argmax()] = True
+        values[~kept[region]] *= -1
     return _marching_cubes(np.pad(values, 1, constant_values=slope * step), low - step, step)  # closed where the box ends
 
 
@@ -82,16 +87,6 @@ def _mark_cells_around(where: Mask, positions: Array, step: float, radius: float
     for position in np.unique(np.rint(positions / step).astype(np.int64), axis=0):
         first, last = np.maximum(position - reach, 0), np.maximum(position + reach + 1, 0)
         where[tuple(map(slice, first, last))] = True
-
-
-def _leave_out_loose_pieces(values: Array, anchors: Mask) -> None:
-    """Turn the negative regions positive, except the largest and those that contain an anchor."""
-    region, count = scipy.ndimage.label(values < 0)  # 0 where values are positive
-    size = np.bincount(region.ravel())
-    size[0] = 0
-    kept = np.bincount(region[anchors], minlength=count + 1) > 0
-    kept[0] = kept[size.argmax()] = True
-    values[~kept[region]] *= -1
 
 
 def _double_resolution(values: Array) -> Array:

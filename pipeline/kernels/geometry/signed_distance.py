@@ -61,7 +61,9 @@ def _turn_inverted_parts(vertices: Array, faces: NDArray[np.int64], positions: N
     volumes = np.bincount(part, np.linalg.det(vertices[faces] - vertices.mean(axis=0)), count)  # six times those of closed parts
     total, largest = volumes.sum(), volumes[np.abs(volumes).argmax()]
     most = total if abs(total) > BALANCED * np.abs(volumes).sum() else largest  # a mirrored half has exactly the opposite volume
-    turned = ((volumes * most < 0) & _are_closed(positions, part))[part]
+    edges, faces_of_edge = np.unique(np.sort(directed_edges(positions), axis=1), axis=0, return_inverse=True, return_counts=True)[1:]
+    is_closed = np.bincount(np.repeat(part, 3), faces_of_edge[edges.reshape(-1)] % 2) == 0  # (P,) an even number of faces at each edge
+    turned = ((volumes * most < 0) & is_closed)[part]
     if not turned.any():
         return faces
     corners, within = np.unique(faces[turned]), np.zeros(len(vertices), bool)
@@ -69,12 +71,6 @@ def _turn_inverted_parts(vertices: Array, faces: NDArray[np.int64], positions: N
     within[corners] = np.abs(winding) > INSIDE_WINDING
     cavity = np.bincount(part, ~within[faces].all(axis=1), count) == 0
     return np.where((turned & ~cavity[part])[:, None], faces[:, ::-1], faces)
-
-
-def _are_closed(faces: NDArray[np.int64], part: NDArray[np.int64]) -> Mask:
-    """Check which parts have an even number of faces at each edge: (P,) bool, of faces (F, 3) and the part of each, (F,)."""
-    edges, faces_of_edge = np.unique(np.sort(directed_edges(faces), axis=1), axis=0, return_inverse=True, return_counts=True)[1:]
-    return np.asarray(np.bincount(np.repeat(part, 3), faces_of_edge[edges.reshape(-1)] % 2) == 0)
 
 
 def rms_distance_to_surface(points: Array, vertices: Array, faces: Integers) -> float:  # as accurate as `signed_distances`

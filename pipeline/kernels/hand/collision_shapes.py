@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Indices
-from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.transforms import compose, invert_pose, transform_points
 from pipeline.kernels.hand.grid_loops import Spheres
 from pipeline.kernels.hand.model import Hand
@@ -40,11 +39,10 @@ class CollisionSpheres:
         """The spheres in float32, as compiled loops take them."""
         return Spheres(self.centres.astype(np.float32), self.radii.astype(np.float32), self.link)
 
-    def world_centres(self, frames: Array) -> Array:
-        """Compute the centres (3, N, B), m, for link frames (N, L, 4, 4), in the frame of reference of those."""
-        points = np.empty((3, len(frames), len(self.link)))
-        _transform_centres(np.ascontiguousarray(frames), self.centres, self.link, points)
-        return points
+    def world_centres(self, frames: Array) -> Array:  # (..., B, 3) m
+        """Compute the centres for link frames (..., L, 4, 4), in the frame of reference of those."""
+        rows, (x, y, z) = frames[..., self.link, :3, :], self.centres.T[..., None]
+        return np.asarray((rows[..., 0] * x + rows[..., 1] * y) + (rows[..., 2] * z + rows[..., 3]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,16 +94,6 @@ def collision_boxes(hand: Hand) -> CollisionBoxes:
             halves.append((high - low) / 2)
             links.append(number)
     return CollisionBoxes(np.array(frames).reshape(-1, 4, 4), np.array(halves).reshape(-1, 3), np.array(links, np.intp))
-
-
-@compiled
-def _transform_centres(frames: Array, centres: Array, link: Indices, points: Array) -> None:
-    """Fill `points` (3, N, B) with centres (B, 3) carried by the frames (N, L, 4, 4) of their links (B,)."""
-    for axis in range(3):
-        for n in range(len(frames)):
-            for b in range(len(link)):
-                row, (x, y, z) = frames[n, link[b], axis], centres[b]
-                points[axis, n, b] = (row[0] * x + row[1] * y) + (row[2] * z + row[3])
 
 
 def _fill(hull: "scipy.spatial.ConvexHull", spacing: float) -> tuple[Array, Array]:

@@ -4,8 +4,6 @@ Time and memory grow with a hull's faces. So a heavy mesh becomes a hull with a 
 no more than a tolerance outside the others' hull are dropped.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -18,6 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh, mesh_edges, without_slivers
+from pipeline.kernels.geometry.signed_distance import signed_distances
 from pipeline.kernels.hand.model import Hand, Link, Shape
 from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.sensor import Sensor
@@ -25,7 +24,6 @@ from pipeline.kernels.touch.sensor import Sensor
 MAX_FACES = 1000  # of a collision shape; a mesh with no more is used as it is
 TOLERANCE = 1e-4  # m that a heavier hull may lose, a tenth of the clearance of grasps; doubled until the rest fits
 SAMPLE_SPACING = 2e-3  # m, between points on convex shapes at which their distance from the mesh is measured
-BLOCK = 4_000_000  # points times planes that are compared at once: 32 MB
 ON_SURFACE = 1e-6  # m, within which a point counts as on a convex shape's surface
 ROUNDED = 5e-4  # m, that a sensor plane may lie below its link's surface: origins are rounded, and meshes have facets
 MEETING = 1e-6  # m between shapes that count as one
@@ -127,33 +125,19 @@ def convex_error(link: Link, convex: Link) -> ConvexError:
     """Measure the differences between a link's meshes as read, one at least, and the shapes of `with_convex_shapes`."""
     from trimesh.remesh import subdivide_to_size  # takes half a second
 
-    meshes = [shape.mesh for shape in link.collisions if shape.kind == "mesh"]
-    convex_meshes = [shape.mesh for shape in convex.collisions if shape.kind == "mesh"]
-    hulls = [scipy.spatial.ConvexHull(mesh.vertices) for mesh in convex_meshes]
+    meshes, hulls = ([shape.mesh for shape in shapes if shape.kind == "mesh"] for shapes in (link.collisions, convex.collisions))
     corners = np.concatenate([mesh.vertices[np.unique(mesh.faces)] for mesh in meshes])
-    if len(hulls) == 1:  # the distance from a convex body is greatest at a corner of the rest's hull
-        corners = corners[scipy.spatial.ConvexHull(corners).vertices]
-    lost = np.min([_outside(corners, hull) for hull in hulls], axis=0).max()
+    lost = np.min([signed_distances(corners, hull.vertices, hull.faces) for hull in hulls], axis=0).max()
     filled = 0.0
     for number, hull in enumerate(hulls):
         subdivide: Any = subdivide_to_size
-        points = subdivide(hull.points, hull.simplices, max_edge=SAMPLE_SPACING)[0]
+        points = subdivide(hull.vertices, hull.faces, max_edge=SAMPLE_SPACING)[0]
         points = points[np.unique(np.round(points / SAMPLE_SPACING), axis=0, return_index=True)[1]]  # one for each small cube
-        for other_hull in (*hulls[:number], *hulls[number + 1 :]):
-            points = points[_outside(points, other_hull) > ON_SURFACE]  # where slabs meet, the mesh may be solid
+        for other_hull in (*hulls[:number], *hulls[number + 1 :]):  # where slabs meet, the mesh may be solid
+            points = points[signed_distances(points, other_hull.vertices, other_hull.faces) > ON_SURFACE]
         if len(points):
             filled = max(filled, float(np.min([_nearest(points, mesh)[0] for mesh in meshes], axis=0).max()))
-    return ConvexError(sum(len(mesh.faces) for mesh in meshes), sum(len(mesh.faces) for mesh in convex_meshes), float(lost), filled)
-
-
-def _outside(points: Array, hull: scipy.spatial.ConvexHull) -> Array:
-    """Compute the distances (N,) of points (N, 3) from a convex body, 0 inside, m."""
-    distance = np.zeros(len(points))
-    blocks = np.array_split(np.arange(len(points)), 1 + len(points) * len(hull.equations) // BLOCK)
-    outside = np.concatenate([(points[block] @ hull.equations[:, :3].T + hull.equations[:, 3] > 0).any(axis=1) for block in blocks])
-    if outside.any():
-        distance[outside] = _nearest(points[outside], Mesh.bare(hull.points, hull.simplices))[0]
-    return distance
+    return ConvexError(sum(len(mesh.faces) for mesh in meshes), sum(len(hull.faces) for hull in hulls), max(float(lost), 0.0), filled)
 
 
 def buried_gels(hand: Hand, sensors: Sequence[Sensor]) -> Iterator[tuple[bool, str]]:  # whether all of the gel lies below

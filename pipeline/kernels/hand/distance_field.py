@@ -10,10 +10,9 @@ import scipy
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.arrays import Array, Array32, Indices, Integers, Mask
-from pipeline.kernels.compiled import compiled
+from pipeline.kernels.arrays import Array, Array32, Integers, Mask
 from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products, without_slivers
-from pipeline.kernels.geometry.transforms import transform_points, unit_vectors
+from pipeline.kernels.geometry.transforms import compose, transform_points, unit_vectors
 from pipeline.kernels.hand.collision_shapes import CollisionSpheres
 from pipeline.kernels.hand.grid_loops import Grid, gaps, least_distances, look_up
 from pipeline.kernels.hand.model import Hand
@@ -151,47 +150,21 @@ def _per_cell(values: NDArray[Any]) -> NDArray[Any]:
     return values
 
 
-@dataclass(frozen=True, eq=False)
-class FingerGeometry:
-    """The collision spheres of every finger's links, and points in every sensor's gel."""
-
-    spheres: tuple[CollisionSpheres, ...]  # of the links that each of F fingers moves
-    probes: Array  # (S, PROBES², 3) in the gel at `PROBE_DEPTH`, in the frame of the sensor's link, m
-
-
-def finger_geometry(hand: Hand, spheres: CollisionSpheres, sensors: Sequence[Sensor]) -> FingerGeometry:
-    """Group a hand's collision spheres by finger and lay probes into the gels of its sensors."""
-    by_finger = tuple(spheres.of_links(finger.links) for finger in hand.fingers)
-    without_shape = [finger.name for finger, finger_spheres in zip(hand.fingers, by_finger, strict=True) if not len(finger_spheres.radii)]
-    if without_shape:
-        raise InvalidInput(f"{hand.urdf}: no link of {', '.join(without_shape)} has a collision shape; add one to a link of each finger")
-    probes = [transform_points(mount.pose, _probes(sensor)) for mount, sensor in zip(hand.sensors, sensors, strict=True)]
-    return FingerGeometry(by_finger, np.stack(probes))
-
-
-def _probes(sensor: Sensor) -> Array:
+def gel_grid(hand: Hand, sensors: Sequence[Sensor]) -> Array:  # (S, PROBES², 3) in the frame of the sensor's link, m
+    """Lay points into the gel of every sensor of a hand, at `PROBE_DEPTH`."""
     steps = (np.arange(PROBES) + 0.5) / PROBES - 0.5
-    x, y = (axis.ravel() for axis in np.meshgrid(steps * sensor.width, steps * sensor.height))
-    return np.stack([x, y, np.full_like(x, PROBE_DEPTH * sensor.w)], axis=-1)
+    grids = []
+    for mount, sensor in zip(hand.sensors, sensors, strict=True):
+        x, y = (axis.ravel() for axis in np.meshgrid(steps * sensor.width, steps * sensor.height))
+        grids.append(transform_points(mount.pose, np.stack([x, y, np.full_like(x, PROBE_DEPTH * sensor.w)], axis=-1)))
+    return np.stack(grids)
 
 
-def gel_probes(hand: Hand, fingers: FingerGeometry, frames: Array) -> Array32:  # (3, N, S, PROBES²) m
-    """Compute the positions of the gels' probe points in postures, in the frame that their link frames (N, L, 4, 4) are given in."""
-    points = np.empty((3, len(frames), *fingers.probes.shape[:2]), np.float32)
-    _transform_probes(frames, np.array([mount.link for mount in hand.sensors], np.intp), fingers.probes, points)
-    return points
-
-
-@compiled
-def _transform_probes(frames: Array, link: Indices, probes: Array, points: Array32) -> None:
-    """Fill `points` (3, N, S, P) with probes (S, P, 3) carried by the frames (N, L, 4, 4) of their links (S,)."""
-    for axis in range(3):
-        for n in range(len(frames)):
-            for s in range(len(link)):
-                row = frames[n, link[s], axis]
-                for p in range(probes.shape[1]):
-                    x, y, z = probes[s, p]
-                    points[axis, n, s, p] = ((row[0] * x + row[1] * y) + row[2] * z) + row[3]
+def gel_probes(hand: Hand, grid: Array, frames: Array) -> Array32:  # (3, N, S, PROBES²) m
+    """Compute where the points of `gel_grid` are in postures, in the frame that their link frames (N, L, 4, 4) are given in."""
+    homogeneous = np.concatenate([grid, np.ones((*grid.shape[:2], 1))], axis=2)
+    points = compose(frames[:, [mount.link for mount in hand.sensors], :3], np.swapaxes(homogeneous, 1, 2))  # (N, S, 3, PROBES²)
+    return np.ascontiguousarray(np.moveaxis(points, 2, 0), np.float32)
 
 
 def gel_contact(
@@ -207,22 +180,21 @@ def gel_contact(
 
 def finger_clearance(
     field: DistanceField,
-    fingers: FingerGeometry,
+    fingers: Sequence[CollisionSpheres],  # of each of F fingers
     frames: Array,  # (N, L, 4, 4) link frames, world, m
     floor: float = -np.inf,  # m; where the distance is smaller, any value below the floor is returned
 ) -> Array32:  # (N, F) m, negative inside the object
     """Measure the distance of every finger's rigid links from an object."""
-    return np.stack([gaps(field.grid, frames, finger_spheres.single, np.float32(floor)) for finger_spheres in fingers.spheres], axis=1)
+    return np.stack([gaps(field.grid, frames, spheres.single, np.float32(floor)) for spheres in fingers], axis=1)
 
 
 def penetration_depth(field: DistanceField, spheres: CollisionSpheres, frames: Array) -> float:  # m; 0 when they are apart
     """Compute the depth of the deepest rigid point, by link frames (L, 4, 4), in the object, or of the object's in a rigid link."""
-    gaps_below = near_gaps(field, spheres, frames, 0.0)
-    return max(0.0, -float(gaps_below.min(initial=0.0)))
+    return max(0.0, -float(near_gaps(field, spheres, frames, 0.0).min(initial=0.0)))
 
 
 def near_gaps(field: DistanceField, spheres: CollisionSpheres, frames: Array, limit: float) -> Array:  # (K,) m
     """Measure the exact gaps between an object and spheres on link frames (L, 4, 4): all those below a limit, and some others."""
-    points = spheres.world_centres(frames[None])[:, 0]  # (3, B)
-    candidates = np.flatnonzero(field.lookup(points.astype(np.float32)) - spheres.radii < limit + LOOKUP_ERROR_CELLS * field.cell)
-    return field.exact(points[:, candidates].T) - spheres.radii[candidates]
+    points = spheres.world_centres(frames)  # (B, 3)
+    candidates = np.flatnonzero(field.lookup(points.T.astype(np.float32)) - spheres.radii < limit + LOOKUP_ERROR_CELLS * field.cell)
+    return field.exact(points[candidates]) - spheres.radii[candidates]

@@ -19,12 +19,11 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Array32, Indices, Mask
 from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, CollisionSpheres, collision_boxes
-from pipeline.kernels.hand.distance_field import DistanceField, FingerGeometry, finger_clearance, finger_geometry, gel_contact, gel_probes
+from pipeline.kernels.hand.distance_field import DistanceField, finger_clearance, gel_contact, gel_grid, gel_probes
 from pipeline.kernels.hand.grid_loops import MILLIMETRE, measure_best
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import (
-    LinkOverlap,
     choose_postures,
     finger_conflicts,
     fingers_clear_of_palm,
@@ -59,16 +58,16 @@ def sample_postures(hand: Hand, boxes: CollisionBoxes, *, samples: int, gap: flo
     for finger in hand.fingers:
         joints = list(finger.joints)
         unit = scipy.stats.qmc.Sobol(len(joints), scramble=False).random_base2(int(np.ceil(np.log2(samples))))[:samples]
-        margin = limit_margin(hand)[joints]
-        low, high = hand.lower[joints] + margin, hand.upper[joints] - margin
+        low, high = (limit[joints] for limit in inner_limits(hand))
         angles[:, joints] = low + unit * (high - low)
     frames = forward_kinematics(hand, np.eye(4), angles)
     return PostureSamples(angles, frames, fingers_clear_of_palm(hand, boxes, frames, gap))
 
 
-def limit_margin(hand: Hand) -> Array:
-    """Compute the distance kept from the joint limits, (J,), rad (m)."""
-    return np.minimum(LIMIT_MARGIN, LIMIT_SHARE * (hand.upper - hand.lower))
+def inner_limits(hand: Hand) -> tuple[Array, Array]:  # (J,) each, rad (m)
+    """Compute the limits of planned joint angles: a margin within the joints' own."""
+    margin = np.minimum(LIMIT_MARGIN, LIMIT_SHARE * (hand.upper - hand.lower))
+    return hand.lower + margin, hand.upper - margin
 
 
 def even_rows(samples: int) -> Indices:
@@ -82,34 +81,29 @@ def blocked_fingers(hand: Hand, boxes: CollisionBoxes, postures: PostureSamples,
     There is a sentence for each finger that is free of palm and own links in none of the `EVEN_SAMPLES` postures that decide whether it
     has room, and for each two fingers that collide in all pairs of these.
     """
-    rows, fingers = even_rows(len(postures.free)), hand.fingers
+    rows, fingers, free = even_rows(len(postures.free)), hand.fingers, postures.free
     conflicts = finger_conflicts(hand, boxes, postures.frames[rows], gap)
-    stuck = [number for number in range(len(fingers)) if not postures.free[rows, number].any()]
-    entangled = [pair for pair in combinations(range(len(fingers)), 2) if conflicts[pair].all()]
-    overlaps = frequent_overlaps(hand, boxes, postures.frames, gap) if stuck or entangled else []
-    sentences = []
-    for number in stuck:
-        beginning = f"{fingers[number].name}: {postures.free[:, number].sum()} of {len(postures.free)} postures are free of"
-        sentences.append(_sentence(hand, beginning, _between(hand, overlaps, {number}, {number, -1}), "the palm and its own links"))
-    for first, second in entangled:
-        beginning = f"{fingers[first].name} and {fingers[second].name}: 0 of {conflicts[first, second].size} pairs of postures are free of"
-        sentences.append(_sentence(hand, beginning, _between(hand, overlaps, {first, second}), "each other's links"))
-    return sentences
-
-
-def _between(hand: Hand, overlaps: list[LinkOverlap], *fingers: set[int]) -> list[LinkOverlap]:  # -1 is the palm
-    return [overlap for overlap in overlaps if {int(hand.link_fingers[link]) for link in (overlap.first, overlap.second)} in fingers]
-
-
-def _sentence(hand: Hand, beginning: str, overlaps: list[LinkOverlap], otherwise: str) -> str:
-    """Describe the links in the way, and what to write into the hand file."""
-    pairs = [
-        f"{hand.links[overlap.first].name} and {hand.links[overlap.second].name} "
-        f"(boxes {'overlap' if overlap.depth > 0 else 'are apart'} {1e3 * abs(overlap.depth):.1f} mm)"
-        for overlap in overlaps
+    blocks = [  # what is blocked, the fingers on which overlaps that block it lie (-1 is the palm), what else is in the way
+        (f"{fingers[number].name}: {free[:, number].sum()} of {len(free)} postures", ({number}, {number, -1}), "the palm and its own links")
+        for number in np.flatnonzero(~free[rows].any(axis=0)).tolist()
     ]
-    remedies = {remedy(hand, overlap): None for overlap in overlaps} or {"`convex_parts` of hollow links": None}
-    return f"{beginning} {', '.join(pairs) or otherwise}: write {', '.join(remedies)} into {hand.path}"
+    blocks += [
+        (f"{fingers[a].name} and {fingers[b].name}: 0 of {conflicts[a, b].size} pairs of postures", ({a, b},), "each other's links")
+        for a, b in combinations(range(len(fingers)), 2)
+        if conflicts[a, b].all()
+    ]
+    overlaps = frequent_overlaps(hand, boxes, postures.frames, gap) if blocks else []
+    sentences = []
+    for blocked, owners, otherwise in blocks:
+        between = [overlap for overlap in overlaps if set(hand.link_fingers[[overlap.first, overlap.second]].tolist()) in owners]
+        pairs = [
+            f"{hand.links[overlap.first].name} and {hand.links[overlap.second].name} "
+            f"(boxes {'overlap' if overlap.depth > 0 else 'are apart'} {1e3 * abs(overlap.depth):.1f} mm)"
+            for overlap in between
+        ]
+        remedies = dict.fromkeys(remedy(hand, overlap) for overlap in between) or ["`convex_parts` of hollow links"]
+        sentences.append(f"{blocked} are free of {', '.join(pairs) or otherwise}: write {', '.join(remedies)} into {hand.path}")
+    return sentences
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +111,8 @@ class GraspIk:
     """Data of the inverse kinematics, prepared once per hand."""
 
     hand: Hand
-    fingers: FingerGeometry
+    fingers: tuple[CollisionSpheres, ...]  # of the links that each finger moves
+    gels: Array  # (S, P, 3) points in them, as of `gel_grid`
     boxes: CollisionBoxes
     clearance: float  # m, gap that a good posture keeps between rigid links and the object
     finger_gap: float  # m, gap that it keeps between fingers
@@ -135,12 +130,13 @@ def prepare_grasp_ik(
     finger_gap: float,  # m, gap that it keeps between fingers
 ) -> GraspIk:
     """Sample a Sobol sequence in each finger's joints; refuse hands that hardly have a posture without collisions."""
-    fingers = finger_geometry(hand, spheres, sensors)
-    boxes = collision_boxes(hand)
+    fingers, gels, boxes = tuple(spheres.of_links(finger.links) for finger in hand.fingers), gel_grid(hand, sensors), collision_boxes(hand)
+    if shapeless := [finger.name for finger, own_spheres in zip(hand.fingers, fingers, strict=True) if not len(own_spheres.radii)]:
+        raise InvalidInput(f"{hand.urdf}: no link of {', '.join(shapeless)} has a collision shape; add one to a link of each finger")
     postures = sample_postures(hand, boxes, samples=samples, gap=finger_gap)
     if blocked := blocked_fingers(hand, boxes, postures, gap=finger_gap):
         raise InvalidInput("; ".join(blocked))
-    return GraspIk(hand, fingers, boxes, clearance, finger_gap, postures, gel_probes(hand, fingers, postures.frames))
+    return GraspIk(hand, fingers, gels, boxes, clearance, finger_gap, postures, gel_probes(hand, gels, postures.frames))
 
 
 def fingers_fit(ik: GraspIk, field: DistanceField, hand_pose: Array) -> bool:
@@ -197,7 +193,7 @@ def grasp_ik(
 
 def _contact_values(ik: GraspIk, field: DistanceField, frames: Array) -> Array32:
     """Compute the values (N, F), more than 1 per touch, of postures with clearance, from frames (N, L, 4, 4)."""
-    contact, coverage = gel_contact(field, gel_probes(ik.hand, ik.fingers, frames))
+    contact, coverage = gel_contact(field, gel_probes(ik.hand, ik.gels, frames))
     miss = np.maximum(contact, 0) / MILLIMETRE
     return _by_finger(ik.hand, np.where(miss == 0, 2 + coverage, 0) - 0.1 * miss)
 
@@ -211,7 +207,7 @@ def _measure_best(
     order = np.insert(ranks, 0, 0, axis=-1) + ranks.shape[-1] * np.arange(groups)[:, None]  # the first of a group is the posture to improve
     measured = [
         measure_best(field.grid, frames, spheres.single, by_finger[f], order[f], best, clear, np.float32(ik.clearance))
-        for f, spheres in enumerate(ik.fingers.spheres)
+        for f, spheres in enumerate(ik.fingers)
     ]
     value, is_clear = (np.stack(columns, axis=1) for columns in zip(*measured, strict=True))
     return value, is_clear
@@ -248,18 +244,14 @@ def _candidates(ik: GraspIk, field: DistanceField, hand_pose: Array) -> Indices:
 
 def _combine_fingers(hand: Hand, angles: Array, rows: Indices) -> Array:
     """Combine joint angles (N, J), in which finger s takes row `rows[:, s]` of `angles`."""
-    finger_of_joint = np.empty(len(hand.joint_names), np.intp)
-    for number, finger in enumerate(hand.fingers):
-        finger_of_joint[list(finger.joints)] = number
-    return np.take_along_axis(angles, rows[:, finger_of_joint], axis=0)
+    return np.take_along_axis(angles, rows[:, hand.link_fingers[list(hand.joint_links)]], axis=0)
 
 
 def _refine(ik: GraspIk, field: DistanceField, hand_pose: Array, *, postures: Array, steps: Array) -> Array:
     """Replace each of P postures (P, J), finger by finger, by the best of itself and its neighbours at `steps` (P, …, J)."""
     children = postures[:, None] + steps
     children[:, 0] = postures
-    margin = limit_margin(ik.hand)
-    children = np.clip(children, ik.hand.lower + margin, ik.hand.upper - margin).reshape(-1, postures.shape[1])
+    children = np.clip(children, *inner_limits(ik.hand)).reshape(-1, postures.shape[1])
     frames = forward_kinematics(ik.hand, hand_pose, children)
     value, _ = _measure_best(ik, field, frames, _contact_values(ik, field, frames), groups=len(postures), best=1)
     best = value.reshape(len(postures), STEPS_PER_POSTURE + 1, -1).argmax(axis=1)  # (REFINED_POSTURES, F)

@@ -7,8 +7,11 @@ import numpy as np
 
 from pipeline.kernels.arrays import Array, Indices, Mask
 from pipeline.kernels.compiled import compiled
-from pipeline.kernels.geometry.transforms import compose, sin_cos
+from pipeline.kernels.geometry.transforms import compose, sin_cos, transform_points
 from pipeline.kernels.hand.model import Hand
+from pipeline.rng import numpy_rng
+
+RANDOM_POSTURES = 512  # of which the widest gives how far a hand opens
 
 
 def forward_kinematics(
@@ -113,6 +116,34 @@ def sensor_poses(hand: Hand, hand_pose: Array, joint_angles: Array) -> Array:
 def sensor_poses_from_links(hand: Hand, link_frames: Array) -> Array:
     """Compute the sensor frames (..., S, 4, 4) of a hand from its link frames (..., L, 4, 4), world, m."""
     return np.stack([compose(link_frames[..., mount.link, :, :], mount.pose) for mount in hand.sensors], axis=-3)
+
+
+def sensor_positions(hand: Hand) -> Array:  # (P, S, 3) frame of the root link, m
+    """Compute where sensors are in random postures and at the joints' limits."""
+    return sensor_poses_from_links(hand, _random_frames(hand))[..., :3, 3]
+
+
+def opening(hand: Hand) -> float:
+    """Compute how far a hand opens: the greatest distance between two of its sensors, or one and the palm's centre, m.
+
+    Of a hand with fewer than two sensors on its fingers, the middles of the fingers' last links count too.
+    """
+    frames = _random_frames(hand)
+    ends = [sensor_poses_from_links(hand, frames)[..., :3, 3], np.broadcast_to(hand.palm_centre, (len(frames), 1, 3))]
+    if (hand.sensor_fingers >= 0).sum() < 2:
+        parents = {joint.parent for joint in hand.joints}
+        for number in np.flatnonzero(hand.link_fingers >= 0).tolist():
+            if number not in parents and (shapes := hand.links[number].collisions):
+                corners = np.concatenate([shape.mesh.vertices for shape in shapes])
+                ends.append(transform_points(frames[:, number], (corners.min(axis=0) + corners.max(axis=0))[None] / 2))
+    points = np.concatenate(ends, axis=1)
+    return float(np.linalg.norm(points[:, :, None] - points[:, None], axis=-1).max())
+
+
+def _random_frames(hand: Hand) -> Array:
+    """Compute the link frames (P, L, 4, 4) of random postures, and at the joints' limits."""
+    angles = numpy_rng(0, "opening", hand.name).uniform(hand.lower, hand.upper, (RANDOM_POSTURES, len(hand.lower)))
+    return forward_kinematics(hand, np.eye(4), np.concatenate([angles, [hand.lower, hand.upper]]))
 
 
 def joint_motion(kind: str, axis: Array, value: float) -> Array:

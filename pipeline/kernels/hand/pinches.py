@@ -9,9 +9,10 @@ import numpy as np
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Indices
 from pipeline.kernels.compiled import compiled
+from pipeline.kernels.geometry.mesh import face_cross_products
 from pipeline.kernels.geometry.transforms import length, sin_cos, unit_vectors
 from pipeline.kernels.hand.distance_field import DistanceField
-from pipeline.kernels.hand.grasp_ik import GraspIk, limit_margin
+from pipeline.kernels.hand.grasp_ik import GraspIk, inner_limits
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.pregrasp import DIFFERENCE_STEP
 from pipeline.kernels.hand.self_collision import fingers_apart
@@ -59,7 +60,7 @@ def antipodal_points(
     face, distance, _, _ = np.array([hit for ray_hits in hits for hit in ray_hits], np.float64).reshape(-1, 4).T
     origin, outward, direction = origin[ray], outward[ray], direction[ray]
     corners = field.vertices[field.faces[face.astype(np.intp)]]
-    facing = np.abs((unit_vectors(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])) * direction).sum(axis=1))
+    facing = np.abs((unit_vectors(face_cross_products(corners)) * direction).sum(axis=1))
     least_cosine = sin_cos(CONE_SHARE * np.arctan(friction))[1]
     end = origin + distance[:, None] * direction
     kept = (distance > SELF_HIT) & (distance <= widest) & (facing >= least_cosine) & (-(outward * direction).sum(axis=1) >= least_cosine)
@@ -115,11 +116,10 @@ def _postures_of_pair(ik: GraspIk, pair: tuple[int, int]) -> OpposedPostures:
             joints = list(hand.fingers[finger].joints)
             angles[:, joints] = ik.postures.joint_angles[samples][:, joints]
     moving = [joint for finger in dict.fromkeys(fingers) if finger >= 0 for joint in hand.fingers[finger].joints]
-    margin = limit_margin(hand)
     width = np.maximum(_grips(ik, angles, pair).width, THINNEST)
     for _ in range(ROUNDS):
         angles[:, moving] += _step(ik, angles, pair, width, moving)
-        angles = np.clip(angles, hand.lower + margin, hand.upper - margin)
+        angles = np.clip(angles, *inner_limits(hand))
     grips = _grips(ik, angles, pair)
     clear = fingers_apart(hand, ik.boxes, forward_kinematics(hand, np.eye(4), angles), fingers, ik.finger_gap)
     return grips.rows(_best_of_each_width(np.where(clear, grips.fault, np.inf), grips.width))
@@ -193,7 +193,7 @@ def _gels(ik: GraspIk, frames: Array, sensors: Sequence[int]) -> tuple[Array, Ar
     """Compute the middle points (N, S, 3) of gels at the depth of touches, m, and their outward normals, in the root link's frame."""
     mounts = [ik.hand.sensors[sensor] for sensor in sensors]
     tips = frames[:, [mount.link for mount in mounts]]
-    points = np.einsum("nsij,sj->nsi", tips[..., :3, :3], ik.fingers.probes[list(sensors)].mean(axis=1)) + tips[..., :3, 3]
+    points = np.einsum("nsij,sj->nsi", tips[..., :3, :3], ik.gels[list(sensors)].mean(axis=1)) + tips[..., :3, 3]
     return points, np.einsum("nsij,sj->nsi", tips[..., :3, :3], np.stack([mount.pose[:3, 2] for mount in mounts]))
 
 

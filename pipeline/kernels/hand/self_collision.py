@@ -60,23 +60,20 @@ def box_gap(
 
 
 @compiled
-def least_gap(world: Array, half: Array, first: Indices, second: Indices) -> float:
-    """Compute the least gap, m, of pairs of boxes (C, 4, 4) with half extents (C, 3); inf without pairs."""
-    gap = np.inf
-    for a, b in zip(first, second):  # noqa: B905 - numba knows no `strict`
-        gap = min(gap, box_gap(world[a], half[a], world[b], half[b], gap))
-    return gap
-
-
-@compiled
-def are_near(world: Array, half: Array, first: Indices, second: Indices, gap: float) -> Mask:
-    """Find the pairs of boxes (N, C, 4, 4) that are nearer than `gap`, (N, pairs)."""
-    near = np.empty((len(world), len(first)), np.bool_)
+def box_gaps(
+    world: Array,  # (N, C, 4, 4) frames of boxes
+    half: Array,  # (C, 3) half extents
+    first: Indices,  # (pairs,)
+    second: Indices,
+    enough: float = np.inf,  # as for `box_gap`
+) -> Array:  # (N, pairs) m
+    """Compute the gap of every pair of boxes in every posture."""
+    gaps = np.empty((len(world), len(first)))
     for n in range(len(world)):
         for pair in range(len(first)):
             a, b = first[pair], second[pair]
-            near[n, pair] = box_gap(world[n, a], half[a], world[n, b], half[b], gap) < gap
-    return near
+            gaps[n, pair] = box_gap(world[n, a], half[a], world[n, b], half[b], enough)
+    return gaps
 
 
 @compiled
@@ -113,7 +110,7 @@ def conflicts(
 
 def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: Array) -> float:
     """Compute the least `box_gap` between links that can meet and are not allowed to, from their frames (L, 4, 4); inf for none."""
-    return least_gap(world_boxes(boxes, frames), boxes.half, *_pairs(hand, boxes))
+    return float(box_gaps(world_boxes(boxes, frames[None]), boxes.half, *_pairs(hand, boxes)).min(initial=np.inf))
 
 
 def fingers_clear_of_palm(hand: Hand, boxes: CollisionBoxes, frames: Array, gap: float) -> Mask:  # (N, F)
@@ -122,7 +119,7 @@ def fingers_clear_of_palm(hand: Hand, boxes: CollisionBoxes, frames: Array, gap:
     owner = hand.link_fingers[boxes.link]
     checked = (owner[first] == owner[second]) | (np.minimum(owner[first], owner[second]) < 0)
     first, second = first[checked], second[checked]
-    too_near = are_near(world_boxes(boxes, frames), boxes.half, first, second, gap)  # (N, pairs)
+    too_near = box_gaps(world_boxes(boxes, frames), boxes.half, first, second, gap) < gap  # (N, pairs)
     finger = np.maximum(owner[first], owner[second])  # a link that no finger moves has -1, and may come after those of fingers
     return np.stack([~too_near[:, finger == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
 
@@ -133,8 +130,8 @@ def fingers_apart(hand: Hand, boxes: CollisionBoxes, frames: Array, fingers: Seq
     owner = hand.link_fingers[boxes.link]
     involved = np.isin(owner, [*fingers, -1])
     checked = involved[first] & involved[second]
-    too_near = are_near(world_boxes(boxes, frames), boxes.half, first[checked], second[checked], gap)
-    return np.asarray(~too_near.any(axis=1))
+    gaps = box_gaps(world_boxes(boxes, frames), boxes.half, first[checked], second[checked], gap)
+    return np.asarray((gaps >= gap).all(axis=1))
 
 
 def choose_postures(
@@ -250,7 +247,7 @@ def _link_gaps(hand: Hand, boxes: CollisionBoxes, frames: Array) -> Iterator[tup
     for first, second in np.argwhere(meeting_links(hand)).tolist():
         a, b = (rows.ravel() for rows in np.meshgrid(np.flatnonzero(boxes.link == first), np.flatnonzero(boxes.link == second)))
         if len(a):
-            yield (first, second), np.array([least_gap(posture, boxes.half, a, b) for posture in world])
+            yield (first, second), box_gaps(world, boxes.half, a, b).min(axis=1)
 
 
 def _are_neighbours(hand: Hand, first: int, second: int) -> bool:

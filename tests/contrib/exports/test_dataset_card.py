@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pipeline.contrib.exports.croissant import write_croissant
-from pipeline.contrib.exports.dataset_card import About, Facts, card, write_card
+from pipeline.contrib.exports.dataset_card import About, Facts, card, write_card, write_croissant
 from pipeline.contrib.exports.grasp_frames import GraspFrames
 from pipeline.formats.description_file import read_description
 from schemas.touch import TOUCH

@@ -6,7 +6,7 @@ import pytest
 import trimesh
 from scipy import stats
 
-from pipeline.kernels.geometry.exterior_sampling import DIRECTIONS, MIN_ESCAPES, RAY_OFFSET, EscapeTest, sample_exterior, spread_directions
+from pipeline.kernels.geometry.exterior_sampling import DIRECTIONS, MIN_ESCAPES, RAY_OFFSET, RayScene, sample_exterior, spread_directions
 from pipeline.kernels.geometry.mesh import Mesh, face_cross_products, sample_triangles
 from tests.conftest import mesh_of
 from tests.references.escaping_rays import count_escapes
@@ -64,9 +64,10 @@ def test_early_stop_agrees_with_the_full_count(rng):
     triangles = mesh.triangles
     points, face = sample_triangles(triangles, 400, rng)
     vectors = face_cross_products(triangles)[face]
-    front, back = EscapeTest(mesh).count(points, vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+    normals, directions = vectors / np.linalg.norm(vectors, axis=1, keepdims=True), spread_directions(DIRECTIONS)
+    front, back = RayScene(mesh.vertices, mesh.faces).count_escapes(points, normals, directions)
     offset = RAY_OFFSET * np.linalg.norm(np.ptp(mesh.vertices, axis=0))
-    free = count_escapes(mesh.triangles, points, spread_directions(DIRECTIONS), offset)
+    free = count_escapes(mesh.triangles, points, directions, offset)
     np.testing.assert_array_equal(front + back >= MIN_ESCAPES, free >= MIN_ESCAPES)
 
 

@@ -6,7 +6,7 @@ import trimesh
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.mesh_cleaning import normalise_mesh, normalising_transform
+from pipeline.kernels.geometry.mesh_cleaning import normalise_mesh
 
 BALL = trimesh.creation.icosphere(subdivisions=2)
 
@@ -16,7 +16,7 @@ def test_stated_axis_points_up_without_mirroring(up, axis):
     corner = trimesh.creation.box((0.1, 0.1, 0.1))
     vertices = np.vstack([corner.vertices, np.eye(3)[axis]])
     tall = Mesh.bare(vertices, np.vstack([corner.faces, [0, 1, 8]]))
-    placed = normalise_mesh(tall, up=up, diagonal=0.5, metres_per_unit=1.0)
+    placed, _ = normalise_mesh(tall, up=up, diagonal=0.5, metres_per_unit=1.0)
     assert placed.vertices[8, 2] == pytest.approx(placed.vertices[:, 2].max())
     before, after = (np.linalg.det(mesh.triangles[0] - mesh.vertices[8]) for mesh in (tall, placed))
     assert after == pytest.approx(before)
@@ -33,9 +33,9 @@ def test_normalise_rejects_mesh_without_size(vertices, message) -> None:
 
 @pytest.mark.parametrize("up", ["x", "y", "z"])
 @pytest.mark.parametrize("metres_per_unit", [None, 0.01])
-def test_normalising_transform_equals_normalise_mesh(up, metres_per_unit):
+def test_transform_places_the_mesh(up, metres_per_unit):
     mesh = Mesh.bare(BALL.vertices * [1, 2, 3] + [5, -3, 1], BALL.faces)
     how = {"up": up, "diagonal": 0.5, "metres_per_unit": metres_per_unit}
-    placement = normalising_transform(mesh, **how)
-    np.testing.assert_allclose(mesh.vertices @ placement[:3, :3].T + placement[:3, 3], normalise_mesh(mesh, **how).vertices, atol=1e-14)
+    placed, placement = normalise_mesh(mesh, **how)
+    np.testing.assert_allclose(mesh.vertices @ placement[:3, :3].T + placement[:3, 3], placed.vertices, atol=1e-14)
     assert placement[3].tolist() == [0, 0, 0, 1]

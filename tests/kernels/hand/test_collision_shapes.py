@@ -55,7 +55,7 @@ def test_spheres_detect_a_needle_inside_a_link(hand: Hand) -> None:
     box = next(shape for shape in hand.links[hand.fingers[1].links[1]].collisions)
     frames = np.tile(np.eye(4), (len(hand.links), 1, 1))
     frames[:, :3, 3] = [0, 0, -box.size[2] + 0.008]  # the link's far face is 8 mm above the needle's point
-    depth = -(field.exact(spheres.world_centres(frames[None])[:, 0].T) - spheres.radii).min()
+    depth = -(field.exact(spheres.world_centres(frames)) - spheres.radii).min()
     assert depth == pytest.approx(0.008, abs=0.0015)
 
 

@@ -14,12 +14,13 @@ from pipeline.kernels.hand.collision_shapes import CollisionSpheres, collision_s
 from pipeline.kernels.hand.distance_field import (
     build_distance_field,
     finger_clearance,
-    finger_geometry,
     gel_contact,
+    gel_grid,
     gel_probes,
     near_gaps,
     penetration_depth,
 )
+from pipeline.kernels.hand.grasp_ik import prepare_grasp_ik
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.pregrasp import tangent_palm_pose
@@ -38,15 +39,13 @@ def test_contact_and_clearance_over_a_plane_are_heights(seed) -> None:
     field = build_distance_field(block.vertices, block.faces, cell=0.3, band=0.6)
     frames = forward_kinematics(HAND, random_pose(rng, base + [0, 0, 0.1])[None], rng.uniform(HAND.lower, HAND.upper)[None])
     spheres = collision_spheres(HAND, spacing=0.02)
-    fingers, lost = finger_geometry(HAND, spheres, [SENSOR] * 4), 2.0**-20 * 11  # float32 at 10 m
-    centres = spheres.world_centres(frames)
-    clearance, (contact, coverage) = finger_clearance(field, fingers, frames), gel_contact(field, gel_probes(HAND, fingers, frames))
+    fingers, grid = [spheres.of_links(finger.links) for finger in HAND.fingers], gel_grid(HAND, [SENSOR] * 4)
+    centres, lost = spheres.world_centres(frames[0]), 2.0**-20 * 11  # float32 at 10 m
+    clearance, (contact, coverage) = finger_clearance(field, fingers, frames), gel_contact(field, gel_probes(HAND, grid, frames))
     for number, finger in enumerate(HAND.fingers):
         own = np.isin(spheres.link, finger.links)
-        assert abs(clearance[0, number] - (centres[2, 0, own] - base[2] - spheres.radii[own]).min()) <= lost
-        probes = (frames[0, HAND.sensors[number].link] @ np.vstack([fingers.probes[number].T, np.ones(fingers.probes.shape[1])]))[2] - base[
-            2
-        ]
+        assert abs(clearance[0, number] - (centres[own, 2] - base[2] - spheres.radii[own]).min()) <= lost
+        probes = (frames[0, HAND.sensors[number].link] @ np.vstack([grid[number].T, np.ones(grid.shape[1])]))[2] - base[2]
         assert abs(contact[0, number] - probes.min()) <= lost
         assert (probes < -lost).mean() <= coverage[0, number] <= (probes < lost).mean()
 
@@ -56,7 +55,7 @@ def test_finger_without_collision_shape_is_rejected(hand: Hand) -> None:
     links = tuple(replace(link, collisions=()) if number in thumb else link for number, link in enumerate(hand.links))
     bare = replace(hand, links=links)
     with pytest.raises(InvalidInput, match=r"allegro_right\.urdf: no link of thumb has a collision shape"):
-        finger_geometry(bare, collision_spheres(bare, spacing=0.02), [SENSOR] * 4)
+        prepare_grasp_ik(bare, collision_spheres(bare, spacing=0.02), [SENSOR] * 4, samples=64, clearance=0.0, finger_gap=0.0)
 
 
 CELL, BAND = 0.02, 0.05
@@ -96,7 +95,7 @@ def test_near_gaps_hold_all_gaps_below_the_limit(hand: Hand, rng: np.random.Gene
     spheres = collision_spheres(hand, spacing=0.02)
     for limit in (0.0, 0.002):
         frames = forward_kinematics(hand, random_pose(rng, rng.normal(size=3) * 0.1), rng.uniform(hand.lower, hand.upper))
-        gaps = field.exact(spheres.world_centres(frames[None])[:, 0].T) - spheres.radii
+        gaps = field.exact(spheres.world_centres(frames)) - spheres.radii
         measured = near_gaps(field, spheres, frames, limit)
         assert len(measured) < len(gaps)
         np.testing.assert_array_equal(measured[measured < limit], gaps[gaps < limit])

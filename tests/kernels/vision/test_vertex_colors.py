@@ -4,7 +4,7 @@ import numpy as np
 import trimesh
 
 from pipeline.kernels.vision.camera import Camera, projection_matrix
-from pipeline.kernels.vision.vertex_colors import seen_colors
+from pipeline.kernels.vision.view_transfer import seen_colors
 
 SIDE = 64
 CAMERA = Camera(position=(0, 0, 1), rotation=(0, 0, 0), focal=(100, 100), centre=(32, 32), resolution=SIDE)

@@ -48,7 +48,7 @@ def test_missing_opengl_names_the_packages_and_leaves_the_environment() -> None:
     code = """
 import os
 from tests.kernels.vision.shapes import SCENE
-from stages.render_vision.opengl_context import NoOpenGL
+from stages.render_vision.renderer import NoOpenGL
 from stages.render_vision.renderer import Renderer
 try:
     Renderer(SCENE)

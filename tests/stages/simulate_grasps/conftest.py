@@ -8,9 +8,9 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.physics.simulation import Simulation
 from pipeline.rng import numpy_rng
 from stages.simulate_grasps.grasp_search import Attempt, GraspSearch
+from stages.simulate_grasps.plans import TouchPlanner
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand, prepare_object
 from stages.simulate_grasps.stage import GraspSettings
-from stages.simulate_grasps.touch_plan import TouchPlanner
 from tests.kernels.hand.meshes import bar, mug, points_on
 
 SETTINGS = GraspSettings(ik_samples=512, attempts=5)
@@ -21,7 +21,7 @@ Grasped = list[tuple[Mesh, list[tuple[Grasp, float]]]]
 def attempt(prepared: PreparedHand, physics: Simulation, mesh: Mesh, number: int) -> Attempt | None:
     """Make an attempt, by number, at a mesh that is loaded."""
     thing = prepare_object(mesh, *points_on(mesh, 2000, seed=1), reach=prepared.reach)
-    return GraspSearch(prepared, thing, physics, SETTINGS, TouchPlanner(prepared, thing, SETTINGS)).attempt(numpy_rng(0, "grasped", number))
+    return GraspSearch(TouchPlanner(prepared, thing, SETTINGS), physics).attempt(numpy_rng(0, "grasped", number))
 
 
 @pytest.fixture(scope="session")

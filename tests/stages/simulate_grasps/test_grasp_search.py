@@ -11,6 +11,7 @@ from pipeline.kernels.hand.grasp import Contact, Grasp
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
 from pipeline.physics.simulation import Simulation
 from stages.simulate_grasps.grasp_search import Attempt, GraspSearch
+from stages.simulate_grasps.plans import TouchPlanner
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand
 from tests.kernels.hand.meshes import bar, mug
 from tests.stages.simulate_grasps.conftest import SETTINGS, Grasped, attempt
@@ -123,7 +124,7 @@ def test_best_grasps_hold_then_have_most_touches_area_or_closure_then_are_earlie
     monkeypatch.setattr(GraspSearch, "closure", lambda self, grasp: 0.4 * (grasp is opposed.grasp))
     for prefer, best in (("touches", [many, equal, opposed]), ("area", [large, many, equal]), ("closure", [opposed, many, equal])):
         unused: Any = None
-        search = GraspSearch(unused, unused, unused, SETTINGS.model_copy(update={"prefer": prefer, "grasps": 3}), unused)
+        search = GraspSearch(TouchPlanner(unused, unused, SETTINGS.model_copy(update={"prefer": prefer, "grasps": 3})), unused)
         kept: list[Attempt] = []
         for item in (few, large, opposed, many, equal):
             kept = search.keep_best(kept, item)

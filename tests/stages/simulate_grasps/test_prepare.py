@@ -45,7 +45,7 @@ def test_palm_far_from_the_object_is_clear_by_the_grid(hand_name: str) -> None:
     ]
     frames = compose(np.array(poses)[:, None], prepared.ik.postures.frames[0])
     centres = prepared.palm_spheres.world_centres(frames)
-    exact = (field.exact(centres.reshape(3, -1).T).reshape(centres.shape[1:]) - prepared.palm_spheres.radii).min(axis=1)
+    exact = (field.exact(centres.reshape(-1, 3)).reshape(centres.shape[:2]) - prepared.palm_spheres.radii).min(axis=1)
     by_grid = gaps(field.grid, frames, prepared.palm_spheres.single, np.float32(clearance))
     assert (exact >= clearance).sum() > 150
     np.testing.assert_array_equal(by_grid >= clearance, exact >= clearance)
@@ -54,7 +54,7 @@ def test_palm_far_from_the_object_is_clear_by_the_grid(hand_name: str) -> None:
 def _exact_clearance(prepared: PreparedHand, exact, frames: np.ndarray) -> np.ndarray:
     """(N, F) m, of every sphere's centre less its radius."""
     gaps = []
-    for own in prepared.ik.fingers.spheres:
+    for own in prepared.ik.fingers:
         centres = own.world_centres(frames)
-        gaps.append((exact(centres.reshape(3, -1).T).reshape(centres.shape[1:]) - own.radii).min(axis=1))
+        gaps.append((exact(centres.reshape(-1, 3)).reshape(centres.shape[:2]) - own.radii).min(axis=1))
     return np.stack(gaps, axis=1)

@@ -14,7 +14,7 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.mesh_cleaning import normalise_mesh
-from pipeline.physics.motion import is_held
+from pipeline.physics.hold_test import is_held
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from schemas.base import COMMON, FIXED
@@ -97,7 +97,7 @@ def test_early_stop_keeps_the_same_grasps() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("category", MAKERS)
 def test_kept_grasps_touch_with_most_sensors_at_standard_settings(category: str) -> None:
-    mesh = normalise_mesh(generate(category, numpy_rng(5, category)), up="z", diagonal=0.5)
+    mesh, _ = normalise_mesh(generate(category, numpy_rng(5, category)), up="z", diagonal=0.5)
     points, normals = sample_exterior(mesh, 10_000, numpy_rng(6, category))
     with SimulateGrasps().session(GraspSettings(exhaustive=True), {}) as process:
         row = process(*unit_of(mesh, points, normals))

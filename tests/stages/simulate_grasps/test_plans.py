@@ -7,9 +7,10 @@ import pytest
 import trimesh
 
 from pipeline.kernels.hand.load_residual import NO_SUPPORT, RESIDUAL_STEP, Support, load_residual
+from pipeline.kernels.hand.pinches import opposed_postures
 from pipeline.rng import numpy_rng
-from stages.simulate_grasps import hold_plan
-from stages.simulate_grasps.hold_plan import HoldPlanner, Pinches, prepare_pinches
+from stages.simulate_grasps import plans
+from stages.simulate_grasps.plans import HoldPlanner
 from stages.simulate_grasps.prepare import PreparedHand, prepare_object
 from tests.kernels.hand.meshes import centred, points_on
 from tests.stages.simulate_grasps.conftest import SETTINGS
@@ -21,14 +22,12 @@ def planner(prepared: PreparedHand) -> HoldPlanner:
     thing = prepare_object(box, *points_on(box, 2000, seed=1), reach=prepared.reach)
     settings = SETTINGS.model_copy(update={"search": "hold", "plans": 3})
     slippery = replace(prepared, hand=replace(prepared.hand, friction=0.2))  # at 0.5 all plans carry the box
-    return HoldPlanner.of_object(slippery, thing, settings, prepare_pinches(slippery), numpy_rng(0, "rays"))
+    return HoldPlanner(slippery, thing, settings, opposed_postures(slippery.ik), numpy_rng(0, "rays"))
 
 
 def test_planner_finds_plans_for_fingers_opposed_at_an_angle(planner: HoldPlanner) -> None:
-    none, pinches = np.empty(0, np.intp), planner.pinches
-    claw = Pinches(pinches.postures.rows(none), pinches.grips[none], pinches.frames[none], pinches.fingers[none])
-    rays, hand, thing = numpy_rng(0, "rays"), planner.prepared_hand, planner.prepared_object
-    assert HoldPlanner.of_object(hand, thing, planner.settings, claw, rays)(numpy_rng(0, "plan", 0)) is not None
+    none, hand, thing = planner.postures.rows(np.empty(0, np.intp)), planner.prepared_hand, planner.prepared_object
+    assert HoldPlanner(hand, thing, planner.settings, none, numpy_rng(0, "rays"))(numpy_rng(0, "plan", 0)) is not None
 
 
 def test_plans_equal_those_of_exhaustive_search(planner: HoldPlanner, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -46,8 +45,8 @@ def test_plans_equal_those_of_exhaustive_search(planner: HoldPlanner, monkeypatc
         loads.append(best.steps)
         return number, best
 
-    monkeypatch.setattr(hold_plan, "BATCHES", ())
-    monkeypatch.setattr(hold_plan, "best_supporting_grasp", slow)
+    monkeypatch.setattr(plans, "BATCHES", ())
+    monkeypatch.setattr(plans, "best_supporting_grasp", slow)
     monkeypatch.setattr(HoldPlanner, "_is_perfect", lambda *_: False)
     for number, plan in enumerate(lazy):
         expected = planner(numpy_rng(0, "plan", number))
