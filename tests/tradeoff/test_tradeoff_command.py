@@ -1,7 +1,5 @@
 """`vt-pipeline tradeoff` and `vt-pipeline advise`, as a user types them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
