@@ -1,6 +1,6 @@
 """Measured trades, as `DATA/tradeoff/STAGE.json` holds them, and the times and sizes that records show."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -125,11 +125,6 @@ def read_trade(data: Path, stage: str) -> MeasuredTrade | None:
         return MeasuredTrade.model_validate_json(path.read_bytes())
     except ValidationError as error:
         raise StoreError(f"{path} cannot be used ({invalid_entries(error)}); remove it, then run `vt-pipeline tradeoff {stage}`") from error
-
-
-def read_trades(data: Path, stages: Sequence[str]) -> list[MeasuredTrade]:
-    """Read the trades of those stages that were measured, in their order."""
-    return [trade for stage in stages if (trade := read_trade(data, stage)) is not None]
 
 
 def kilobytes(data: Path, output: str) -> float:
