@@ -19,8 +19,7 @@ from pipeline.config.manifest import load_manifest
 from pipeline.config.settings import Settings, load_presets
 from pipeline.console import CONTROLS
 from pipeline.engine.plan import Request
-from pipeline.engine.stage import DatasetStage, ObjectStage
-from pipeline.engine.trade import Trade
+from pipeline.engine.stage import DatasetStage, ObjectStage, Trade
 from pipeline.errors import InvalidInput, PipelineError, StageError, closest_name, unknown_name
 from pipeline.formats.description_file import invalid_entries
 from pipeline.formats.file_content import expanded
@@ -34,14 +33,14 @@ BUILT_IN = {
     "simulate-touch": "stages.simulate_touch:SimulateTouch",
     "simulate-presses": "stages.simulate_presses:SimulatePresses",
     "sample-distances": "stages.sample_distances:SampleDistances",
-    "train-unet": "stages.train_unet.stage:TrainUnet",
-    "train-touch": "stages.train_touch.stage:TrainTouch",
+    "train-unet": "stages.train_unet:TrainUnet",
+    "train-touch": "stages.train_touch:TrainTouch",
     "fit-charts": "stages.fit_charts:FitCharts",
-    "train-gcn": "stages.train_gcn.stage:TrainGcn",
-    "train-implicit": "stages.train_implicit.stage:TrainImplicit",
+    "train-gcn": "stages.train_gcn:TrainGcn",
+    "train-implicit": "stages.train_implicit:TrainImplicit",
     "evaluate": "stages.evaluate.stage:Evaluate",
     "read-renderings": "stages.read_renderings:ReadRenderings",
-    "train-single-image": "stages.train_gcn.stage:TrainSingleImage",
+    "train-single-image": "stages.train_gcn:TrainSingleImage",
     "evaluate-single-image": "stages.evaluate.stage:EvaluateSingleImage",
 }
 """Module and class of each stage. Importing the module is cheap: what a stage computes with is imported in its session."""
@@ -182,7 +181,7 @@ def make_request(
     if stage not in STAGES:
         raise InvalidInput(unknown_name("stage", stage, STAGES))
     loaded, assigned = load_stage(stage), tuple(assignments)
-    where = as_location(default_place(manifest, objects) / preset if data is None else data)
+    where = as_location(default_location(manifest, objects) / preset if data is None else data)
     _check_writable(where)
     objects = objects and expanded(objects)
     settings = resolve(stage, preset, assigned)
@@ -206,7 +205,7 @@ def make_request(
     )
 
 
-def default_place(manifest: str, objects: Path | None) -> Path:
+def default_location(manifest: str, objects: Path | None) -> Path:
     """Name the default data directory; it contains the name of a folder of meshes, so that two folders do not share it."""
     return Path("data") / (Path(manifest).stem + (f"-{Path(os.path.abspath(objects)).name}" if objects else ""))
 

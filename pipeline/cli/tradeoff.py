@@ -25,7 +25,7 @@ from pipeline.errors import StageError, unknown_name
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location, on_disk
 from pipeline.tradeoff import sweep as sweeps
-from stages.registry import DATASET, STAGES, TRADED, assignment, default_place, load_stage, make_request, resolve
+from stages.registry import DATASET, STAGES, TRADED, assignment, default_location, load_stage, make_request, resolve
 
 if TYPE_CHECKING:  # the commands below import these when they are called: scipy and matplotlib take most of a second
     from pipeline.tradeoff.advice import Choice, Workload
@@ -126,7 +126,7 @@ def advise(
 
     if (within is None) == (error is None):
         fail("give either --within or --error")
-    where = on_disk(as_location(default_place(manifest, None) / preset if data is None else data))
+    where = on_disk(as_location(default_location(manifest, None) / preset if data is None else data))
     if where is None:
         fail(f"--data {data}: give the folder that `vt-pipeline tradeoff` measured into")
     limit = None if error is None else parse_limit(error)  # before anything else, so that a mistake in it is reported first

@@ -19,8 +19,7 @@ from pipeline.formats.file_content import expanded
 from pipeline.recipes.own_files import find_files, own_names, read_files, with_names
 from pipeline.recipes.recipe import SHORT_DIGITS, Recipe, RecipeRow, StageRecipe, object_lines
 from pipeline.store import digest
-from pipeline.store.collection import Collection
-from pipeline.store.directory import DataDirectory, shard_of
+from pipeline.store.directory import Collection, DataDirectory, shard_of
 from pipeline.store.record import ShardRecord
 from pipeline.store.storage import Location
 from schemas.catalogue import ARTIFACTS
@@ -108,7 +107,7 @@ def _check_current(record: ShardRecord, name: str, items: Sequence[Object], data
     settings = stage.settings_type.model_validate(record.settings | record.speed_settings)
     for plan in plans(Request(stage, settings, record.manifest, items, record.preset, record.seed, data)):
         if not plan.up_to_date():
-            if (made := plan.output.record) is None:
+            if (made := plan.record) is None:
                 raise StoreError(f"{plan.path} has not been made; run {name} for all shards, then write the recipe")
             version = made.versions.get("vt-pipeline")
             raise StoreError(

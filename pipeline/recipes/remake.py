@@ -13,12 +13,12 @@ from pipeline.config.settings import Settings, load_presets
 from pipeline.console import NAMED, abbreviate, pluralise
 from pipeline.engine import keys
 from pipeline.engine.plan import Request
-from pipeline.engine.versions import PHYSICS, library_versions
 from pipeline.errors import InvalidInput, unknown_name
 from pipeline.formats.description_file import invalid_entries, shipped_files
 from pipeline.recipes.dataset_recipe import source_hash
 from pipeline.recipes.own_files import DESCRIBED, place_files, with_names
 from pipeline.recipes.recipe import Recipe
+from pipeline.store.record import PHYSICS, library_versions
 from pipeline.store.storage import Location
 from stages.registry import DATASET, load_stage, resolve
 

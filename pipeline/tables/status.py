@@ -15,7 +15,6 @@ from pipeline.console import Columns, abbreviate, pluralise, show_tables, tabula
 from pipeline.errors import OtherVersion, StoreError
 from pipeline.store.directory import DataDirectory, made_by
 from pipeline.store.garbage import all_unreferenced
-from pipeline.store.rows import RowFiles
 from pipeline.store.storage import File, Location, files_below, list_folder, on_disk
 from pipeline.store.validate import check_origins
 from schemas.catalogue import ARTIFACTS
@@ -91,7 +90,8 @@ def read_account(data: Location, jobs: Callable[[], Mapping[str, dict[str, Any]]
         raise StoreError(f"{data.resolve()} is not a data directory; make one with `vt-pipeline run`, or name another")
     for name in directory.artifact_names():
         with account.unless_unreadable():
-            collection, unfinished = directory.collection(ARTIFACTS[name]), RowFiles(directory.work(name)).count()
+            collection = directory.collection(ARTIFACTS[name])
+            unfinished = sum(file.endswith(".row") for file in files_below(directory.work(name) / "rows"))
             if collection.shards or unfinished:
                 artifact = ArtifactAccount(
                     artifact=name,

@@ -20,12 +20,12 @@ from pipeline.config.sources import Object
 from pipeline.engine import keys
 from pipeline.engine.make import make
 from pipeline.engine.plan import Request
-from pipeline.engine.trade import Changes, Trade
-from pipeline.engine.versions import processor
+from pipeline.engine.stage import Changes, Trade
 from pipeline.errors import InvalidInput, PipelineError, StoreError, unknown_name
 from pipeline.formats.file_content import regular_stat
 from pipeline.rng import numpy_rng
 from pipeline.store import digest
+from pipeline.store.record import processor
 from pipeline.tradeoff.measured import FOLDER, MeasuredTrade, Point, files_of, kilobytes, read_trade, times_of
 from pipeline.tradeoff.sweep import file_name
 from stages.registry import GRASP_STAGES, TRADED, assignment, load_stage, load_trade, resolve

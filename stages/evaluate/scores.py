@@ -16,17 +16,17 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.make import make
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Cost, DatasetJob
-from pipeline.engine.versions import library_versions
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_companions import Companions
-from pipeline.models.families import ROWS, load_reconstructor, load_rows, model_name, trained_folder
+from pipeline.models.families import ROWS, load_reconstructor, load_rows, model_name, rows_of, trained_folder
 from pipeline.models.observation import stored_camera
 from pipeline.models.reconstruction import Reconstructor as Model
 from pipeline.models.shipped_weights import DEFAULT, SHIPPED, read_card, shipped_models
 from pipeline.store import digest
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
-from pipeline.store.publish import FolderOutput
+from pipeline.store.publish import withdraw
+from pipeline.store.record import library_versions
 from pipeline.store.storage import Location
 from pipeline.training.device import device_of
 from schemas.base import Artifact
@@ -164,7 +164,7 @@ def score_shipped(data: Location, console: Console) -> list[str]:
     else:
         rows, reasons = fitting_rows(directory)
     if not rows:  # what was measured before is of a dataset that is gone
-        FolderOutput(directory, SHIPPED_SCORES).withdraw()
+        withdraw(directory.folder_record(SHIPPED_SCORES))
         return reasons
     settings = ShippedSettings(
         **measuring_settings(directory), configurations=tuple(rows), weights=shipped_digest(), learned_from=learned_objects(directory)
@@ -197,13 +197,14 @@ def shipped_digest() -> str:
 
 
 def fitting_rows(directory: DataDirectory) -> tuple[list[str], list[str]]:
-    """Choose the rows of `ROWS` whose inputs a dataset has; say why the others are skipped."""
+    """Choose the rows whose inputs a dataset has; say why the others are skipped."""
     model = load_reconstructor(DEFAULT, shipped_folder())
     reasons = _missing_inputs(directory, model)
     rows = []
-    for name, (network, inputs) in ROWS.items():
+    for name in rows_of(DEFAULT):
+        inputs = ROWS[name].inputs
         takes = {*([inputs.image] if inputs.image else []), *(["touch"] if inputs.touch else [])}
-        if network == DEFAULT and takes and not takes & reasons.keys():
+        if takes and not takes & reasons.keys():
             rows.append(name)
     return rows, [f"{kind}: {why}" for kind, why in reasons.items()]
 

@@ -23,9 +23,9 @@ from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.geometry.mesh import sample_triangles
 from pipeline.kernels.metrics.bootstrap import Interval
 from pipeline.kernels.metrics.cloud_distances import cloud_distances, nearest_squared, sampling_floor
-from pipeline.models.deformation_reconstruction import DeformationReconstructor
 from pipeline.models.observation import stored_observation
 from pipeline.models.reconstruction import Reconstructor
+from pipeline.models.reconstructors import DeformationReconstructor
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory, shard_of
 from pipeline.tables.comparison import read_values
@@ -146,7 +146,7 @@ def test_surface_quality_of_a_sphere_equals_closed_forms(evaluation):
 
 def test_closed_meshes_are_measured_on_request(data, evaluation):
     assert not len(figures(evaluation[0], "none").available("watertight"))
-    names = ("none", "occluded-touch")
+    names = ("none", "unoccluded")
     folder, printed = evaluate(data, "shut", configurations=names, grasps=(1, 7), closed_resolution=64)
     assert "evaluate.grasps: 7 skipped: the dataset holds 5 grasps of each object" in printed
     assert list(read_root(folder)["configurations"]) == [*names]
