@@ -62,8 +62,6 @@ class Score(Evaluate):
     """Measure reconstructors with the draws of `evaluate`, so that a network's own meshes get its own figures."""
 
     name = "score"
-    summary = "Reconstructions that no network of the data directory made: the tables of `evaluate`."
-    settings_type = GraspMeasuringSettings
 
     def __init__(
         self,
