@@ -77,13 +77,6 @@ def test_more_points_take_more_bytes_and_cover_better(measured_data: Path) -> No
     assert coarse / fine == pytest.approx(np.sqrt(8), rel=0.15)  # the distance to the nearest of n points falls as 1/√n
 
 
-def test_errors_of_other_objects_keep_to_the_bounds(measured_data: Path, tmp_path: Path) -> None:
-    known, other = measure(setup(measured_data)), measure(setup(tmp_path, seed=5))
-    assert set(known.objects) != set(other.objects)
-    for one, met in zip(known.points, other.points, strict=True):
-        assert met.error <= one.bound(len(other.objects))
-
-
 def test_repeated_measurement_runs_no_stage(measured_data: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in measured_data.rglob("*")}
     measure(setup(measured_data))
