@@ -48,11 +48,11 @@ def check(
     path, kind, drawing = described_file(file, picture)
     meshes = None if objects is None and units is None and up is None else MeshFiles(objects, units, up)
     if kind == "observation" and meshes is None:
-        from pipeline.models.shipped_weights import models_place
+        from pipeline.models.shipped_weights import models_location
         from pipeline.reconstruct.observation_picture import draw_observation
         from pipeline.reconstruct.predict import PredictOptions
 
-        network = PredictOptions(None if models is None else models_place(models), configuration)
+        network = PredictOptions(None if models is None else models_location(models), configuration)
         lines = draw_observation(path, drawing, network.reader().target)
     elif models is not None or configuration is not None:
         option = f"--models {models}" if configuration is None else f"--configuration {configuration}"
@@ -128,8 +128,8 @@ def validate(
     """
     from pipeline.cli.share import print_comparison
     from pipeline.drawing.written_files import report_problems
+    from pipeline.recipes.dataset_recipe import compare
     from pipeline.recipes.recipe import read_recipe
-    from pipeline.recipes.recipe_comparison import compare
     from pipeline.store.validate import problems_below
 
     expected = read_recipe(recipe) if recipe else None

@@ -53,7 +53,7 @@ def predict(
 
     The grasps are those of a data directory, or what an observation file describes: it is checked as a whole before anything runs.
     """
-    from pipeline.models.shipped_weights import models_place
+    from pipeline.models.shipped_weights import models_location
     from pipeline.reconstruct import predict as prediction
 
     if surface not in get_args(prediction.Surface):
@@ -68,7 +68,7 @@ def predict(
     elif object_id is not None or grasps or view:
         option = "--object" if object_id is not None else "--grasp" if grasps else "--view"
         fail(f"{option} is of a data directory: name --data and --object, or omit it")
-    place = models_place(models) if models else None
+    place = models_location(models) if models else None
     options = prediction.PredictOptions(place, configuration, training_seed, seed=seed, resolution=resolution)
     result = prediction.predict(out, source, options, cast(prediction.Surface, surface))
     mesh = result.closed or result.reconstruction
@@ -110,9 +110,9 @@ def score(
 
     Each file that is missing, unreadable or not in the world's frame is named, and then nothing is written.
     """
-    from pipeline.reconstruct.score import score as measure
     from pipeline.tables.evaluation_tables import evaluation_tables
     from stages.evaluate.evaluation_files import METRICS
+    from stages.evaluate.scores import score as measure
 
     directory = DataDirectory(data)
     results = directory.verified_folder(measure(folder, directory.root, console, name=name, grasps=grasps, misplaced=misplaced))
