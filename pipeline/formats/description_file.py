@@ -49,7 +49,9 @@ def description_path(kind: Kind, name: str | Path) -> Path:
     plugins.check_unique(kind, str(name), [owner for _, owner in files])
     path = files[0][0]
     if not os.path.isfile(path):
-        guess = closest_name(name, shipped) or _similar_file(path) or closest_name(path.name, shipped)
+        neighbours = {file.name: file for file in islice(path.parent.glob("*.y*ml"), 1000)} if path.parent.is_dir() else {}
+        similar = neighbours.get(closest_name(path.name, neighbours) or "")
+        guess = closest_name(name, shipped) or similar or closest_name(path.name, shipped)
         hint = f", did you mean {guess}?" if guess else ";"
         empty = [
             f"; package {plugins.package_of(entry)} names {entry.value} as its folder of {kind}s, which has no YAML files"
@@ -59,11 +61,6 @@ def description_path(kind: Kind, name: str | Path) -> Path:
         remedy = f"built in are {', '.join(shipped)}, or give the path of a YAML file{''.join(empty)}"
         raise InvalidInput(f"there is no {kind} {str(name)!r}{hint} {remedy}")
     return path
-
-
-def _similar_file(path: Path) -> Path | None:
-    neighbours = {file.name: file for file in islice(path.parent.glob("*.y*ml"), 1000)} if path.parent.is_dir() else {}
-    return neighbours.get(closest_name(path.name, neighbours) or "")
 
 
 def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
