@@ -49,5 +49,4 @@ def read_off(file: Companions, _: Textures) -> list[Mesh]:
     if colored := np.count_nonzero(widths - 1 > sizes):
         unread.append(f"colours of faces of the OFF are not read ({colored} of {face_count}); write it as PLY")
     corners = numbers[np.repeat(firsts + 1 - (np.cumsum(sizes) - sizes), sizes) + np.arange(sizes.sum())].astype(np.int64)
-    triangles, _ = cut_polygons(corners, sizes, vertices, unread)
-    return [build_part(vertices, corners[triangles])]
+    return [build_part(vertices, corners[cut_polygons(corners, sizes, vertices, unread)[0]])]
