@@ -23,11 +23,16 @@ MESHLAB = b"COLOR=\x7f\x7f\x7f MATERIAL="  # how the title begins that MeshLab w
 
 def read_stl(file: Companions, _: Textures) -> list[Mesh]:
     """Read the triangles of an STL file."""
-    content, unread = file.content, file.unread
+    is_text = SOLID.match(file.content) and b"\0" not in file.content[:HEAD]
+    corners = _read_text(file.content) if is_text else _read_binary(file.content, file.unread)
+    vertices = corners.reshape(-1, 3).astype(np.float64)
+    return [build_part(vertices, np.arange(len(vertices)).reshape(-1, 3))]
+
+
+def _read_binary(content: bytes, unread: list[str]) -> Floats:
+    """Read the corners (T, 3, 3) of triangles."""
     count = int.from_bytes(content[80:HEAD], "little")
     whole = HEAD + count * TRIANGLE.itemsize
-    if SOLID.match(content) and b"\0" not in content[:HEAD]:
-        return _read_text(content)
     if len(content) < max(whole, HEAD):
         raise InvalidInput(
             f"it is no text, and as a binary STL it should have {max(whole, HEAD)} bytes for {count} triangles; it has {len(content)}; "
@@ -43,16 +48,11 @@ def read_stl(file: Companions, _: Textures) -> list[Mesh]:
     words = records["attribute"]
     if words.any() and not (content.startswith(MESHLAB) and (words == words[0]).all()):
         unread.append("colours of the STL (attributes of its triangles) are not read; write it as PLY")
-    return _soup(records["corners"])
+    return np.asarray(records["corners"])
 
 
-def _soup(corners: Floats) -> list[Mesh]:
-    """Build a mesh from the corners (T, 3, 3) of triangles."""
-    vertices = corners.reshape(-1, 3).astype(np.float64)
-    return [build_part(vertices, np.arange(len(vertices)).reshape(-1, 3))]
-
-
-def _read_text(content: bytes) -> list[Mesh]:
+def _read_text(content: bytes) -> Floats:
+    """Read the corners (T, 3, 3) of triangles."""
     text = NAME.sub(b"", content)
     vertices = VERTEX.findall(text)
     check_count("vertices", len(vertices), 3 * MAX_FACES, "decimate the mesh")
@@ -63,4 +63,4 @@ def _read_text(content: bytes) -> list[Mesh]:
         )
     if not re.search(rb"\bend[ \t]*solid\b", content[-HEAD * TRIANGLE.itemsize :], re.IGNORECASE):
         raise InvalidInput(f"it ends after {loops} facets without the word endsolid; it is cut off")
-    return _soup(numbers.reshape(-1, 3, 3))
+    return numbers.reshape(-1, 3, 3)
