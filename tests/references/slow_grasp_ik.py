@@ -2,44 +2,12 @@
 
 import numpy as np
 
+from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand import grasp_ik as constants
 from pipeline.kernels.hand.distance_field import DistanceField
 from pipeline.kernels.hand.grasp_ik import GraspIk
-from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.self_collision import choose_postures, fingers_clear_of_palm
-
-
-def product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Matrices (..., 4, 4), one column times one row after the other."""
-    return sum(left[..., :, k, None] * right[..., None, k, :] for k in range(4))
-
-
-def slow_link_frames(hand: Hand, pose: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """(N, L, 4, 4) frames of postures (N, J), joint by joint."""
-    frames = np.tile(pose, (len(angles), len(hand.links), 1, 1))
-    values = {link: angles[:, entry] for entry, link in enumerate(hand.joint_links)}
-    for follower in hand.followers:
-        values[follower.link] = follower.multiplier * angles[:, follower.entry] + follower.offset
-    for joint in hand.joints:
-        frame = product(frames[:, joint.parent], joint.origin)
-        if joint.child in values:
-            frame = product(frame, _motion(joint.kind, joint.axis, values[joint.child]))
-        frames[:, joint.child] = frame
-    return frames
-
-
-def _motion(kind: str, axis: np.ndarray, value: np.ndarray) -> np.ndarray:
-    motion = np.tile(np.eye(4), (len(value), 1, 1))
-    if kind == "prismatic":
-        motion[:, :3, 3] = value[:, None] * axis
-        return motion
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    sin, cos = (wave(value.astype(np.longdouble)).astype(float)[:, None, None] for wave in (np.sin, np.cos))
-    motion[:, :3, :3] += sin * cross + (1 - cos) * np.array(
-        [[sum(a * b for a, b in zip(row, col, strict=True)) for col in cross.T] for row in cross]
-    )
-    return motion
 
 
 def slow_distance(field: DistanceField, points: np.ndarray) -> np.ndarray:
@@ -95,15 +63,15 @@ def slow_grasp_ik(ik: GraspIk, field: DistanceField, pose: np.ndarray, *, rounds
         steps = size * constants.SHRINK**k * rng.standard_normal((len(lines), constants.STEPS_PER_POSTURE + 1, lines.shape[1]))
         children = np.concatenate([lines[:, None], lines[:, None] + steps[:, 1:]], axis=1)
         children = np.clip(children, hand.lower + margin, hand.upper - margin)
-        values, _ = slow_values(ik, field, slow_link_frames(hand, pose, children.reshape(-1, lines.shape[1])))
+        values, _ = slow_values(ik, field, forward_kinematics(hand, pose, children.reshape(-1, lines.shape[1])))
         best = values.reshape(*children.shape[:2], -1).argmax(axis=1)
         for row, family in enumerate(children):
             for own, choice in zip(columns, best[row], strict=True):
                 lines[row, own] = family[choice, own]
     options = np.concatenate([lines, rest])
-    frames = slow_link_frames(hand, pose, options)
+    frames = forward_kinematics(hand, pose, options)
     values, clear = slow_values(ik, field, frames)
-    clear &= fingers_clear_of_palm(hand, ik.boxes, slow_link_frames(hand, np.eye(4), options), ik.finger_gap)
+    clear &= fingers_clear_of_palm(hand, ik.boxes, forward_kinematics(hand, np.eye(4), options), ik.finger_gap)
     values = np.where(clear, values.astype(np.float64), -np.inf)
     rows = choose_postures(hand, ik.boxes, frames=frames, values=values, gap=ik.finger_gap)
     if not len(rows):
@@ -126,7 +94,7 @@ def _best_samples(ik: GraspIk, field: DistanceField, pose: np.ndarray) -> tuple[
     for f, finger in enumerate(hand.fingers):
         first = np.where(ik.postures.free[:, f], contact[:, list(finger.sensors)].sum(axis=1), -np.inf)
         rows = np.concatenate([np.argsort(-first, kind="stable")[: constants.MAX_CANDIDATES], spread])
-        values, clear = (part[:, f] for part in slow_values(ik, field, product(pose, ik.postures.frames[rows])))
+        values, clear = (part[:, f] for part in slow_values(ik, field, compose(pose, ik.postures.frames[rows])))
         values = np.where(ik.postures.free[rows, f], values, -np.inf)
         for kept, ranked in ((best, values), (clearest, np.where(clear, values, -np.inf))):
             chosen = rows[np.argsort(-ranked, kind="stable")[: len(kept)]]
