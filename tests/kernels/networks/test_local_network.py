@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.networks.local_network import GelState, LocalNetwork, LocalShape, local_loss, pixel_positions, surface_slopes
+from pipeline.kernels.networks.local_network import LocalNetwork, LocalShape, local_loss, pixel_positions, surface_slopes
 
 PITCH = (0.12, 0.1)
 
@@ -39,20 +39,20 @@ def test_depth_is_the_integral_of_slopes_and_contact_gives_them_no_gradient(netw
 def test_loss_is_minimal_at_the_truth_and_grows_with_each_error() -> None:
     depth = torch.zeros(1, 12, 12)
     depth[:, 4:8, 4:8] = 0.1
-    truth = GelState(depth, depth > 0)
+    truth = depth, depth > 0
     right = LocalShape(surface_slopes(depth, PITCH), depth, torch.where(depth > 0, 20.0, -20.0))
-    least = float(local_loss(right, truth, PITCH))
+    least = float(local_loss(right, *truth, PITCH))
     assert least < 1e-6
     for wrong in (
         right._replace(slopes=right.slopes + 0.1),
         right._replace(depth=right.depth + 0.05),
         right._replace(contact=-right.contact),
     ):
-        assert float(local_loss(wrong, truth, PITCH)) > least + 1e-3
+        assert float(local_loss(wrong, *truth, PITCH)) > least + 1e-3
 
 
 def test_diverged_network_is_refused() -> None:
     nothing = torch.zeros(1, 8, 8)
     shape = LocalShape(torch.full((1, 2, 8, 8), torch.nan), nothing, nothing)
     with pytest.raises(InvalidInput, match="it has diverged"):
-        local_loss(shape, GelState(nothing, nothing > 0), PITCH)
+        local_loss(shape, nothing, nothing > 0, PITCH)
