@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.ball_contact import (
+from pipeline.contrib.calibration.ball_contact import (
     CONTACT_WEIGHT,
     Circle,
     Photograph,
@@ -13,7 +12,8 @@ from pipeline.kernels.touch.ball_contact import (
     left_out_error,
     sample_photographs,
 )
-from pipeline.kernels.touch.colour_fit import MODULUS, ColourFitOptions, fit_colours
+from pipeline.contrib.calibration.colour_fit import MODULUS, ColourFitOptions, fit_colours
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.sensor import Gel, Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 

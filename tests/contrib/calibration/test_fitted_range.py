@@ -2,9 +2,10 @@
 
 import pytest
 
+from pipeline.contrib.calibration.ball_contact import Circle, contact_box
+from pipeline.contrib.calibration.colour_fit import missing_photographs
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.ball_contact import Circle, contact_box
-from pipeline.kernels.touch.colour_fit import fitted_range, missing_photographs
+from pipeline.kernels.touch.calibrated_shading import fitted_range
 
 SENSOR = load_sensor("gelsight")
 OPTICS = SENSOR.calibrated
