@@ -4,6 +4,7 @@ Tests with hypothesis try a few examples in `make test` and many in `make test-s
 follow from the test alone, and no clock decides.
 """
 
+import gc
 import os
 import signal
 from pathlib import Path
@@ -16,6 +17,8 @@ from hypothesis import HealthCheck, settings
 from pipeline.kernels.geometry.mesh import Mesh
 
 HERE = Path(__file__).parent
+SHORT = {"kernels", "formats"}
+"""Folders whose files take seconds."""
 
 settings.register_profile("quick", max_examples=15, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("thorough", settings.get_profile("quick"), max_examples=500)
@@ -31,9 +34,14 @@ def pytest_configure() -> None:
     os.fsync = lambda file: None  # half the time of tests that write datasets
 
 
+def pytest_collection_finish() -> None:
+    """Spare the garbage collector what the imports have made."""
+    gc.freeze()
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run the longest file, then those of whole runs first: where processes share files, the last one does not keep the others waiting."""
-    items.sort(key=lambda item: (item.path.name != "test_pipeline.py", item.path.parent != HERE))
+    """Run the longest file first, then those of whole runs, and kernels and readers last: no process waits for another's last file."""
+    items.sort(key=lambda item: (item.path.name != "test_pipeline.py", item.path.parent != HERE, bool(SHORT & {*item.path.parts})))
 
 
 def mesh_of(*parts: trimesh.Trimesh) -> Mesh:

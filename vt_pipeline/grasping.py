@@ -1,7 +1,5 @@
 """Grasps: a hand closes around an object in physics."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast

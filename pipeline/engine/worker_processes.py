@@ -74,7 +74,8 @@ class WorkerProcesses(Executor):
                         if unit is None and deaths[name] == TRIES:
                             raise opening_error(work.stage.name) from None
                         if unit and deaths[name] == TRIES:
-                            result = record_crash(work, unit, timed_out=worker.exit_code() == -signal.SIGALRM)
+                            worker.process.join()
+                            result = record_crash(work, unit, timed_out=worker.process.exitcode == -signal.SIGALRM)
                         elif unit:
                             waiting.append(unit)
                         if waiting:
@@ -154,11 +155,6 @@ class _Worker:
         if error:
             raise error
         return result
-
-    def exit_code(self) -> int | None:
-        """Wait for the end of the process; return its exit code, the negative number of the signal that ended it."""
-        self.process.join()
-        return self.process.exitcode
 
     def kill(self) -> None:
         """End the process at once."""
