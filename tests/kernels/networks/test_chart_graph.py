@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from pipeline.kernels.charts.vision_charts import vision_charts
-from pipeline.kernels.networks.chart_graph import chart_graph
+from pipeline.kernels.networks.deformation_network import chart_graph
 from tests.references.dense_graph import dense_mean
 
 FLOAT32, FLOAT64 = torch.zeros((), dtype=torch.float32), torch.zeros((), dtype=torch.float64)

@@ -5,7 +5,7 @@ import torch
 from torch import nn
 
 from pipeline.kernels.charts.vision_charts import vision_charts
-from pipeline.kernels.networks.chart_graph import ChartGraph, ZeroNeighbourLayer, chart_graph
+from pipeline.kernels.networks.deformation_network import ChartGraph, ZeroNeighbourLayer, chart_graph
 from tests.references.dense_graph import dense_mean
 
 COUNTS = [2, 0, 1]

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.kernels.networks.touch_features import (
+from pipeline.kernels.networks.implicit_network import (
     NEAREST_POINT_FEATURES,
     SCALES,
     TOUCH_FEATURES,
