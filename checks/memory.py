@@ -5,9 +5,9 @@ from pathlib import Path
 
 from pipeline.config.manifest import load_manifest
 from pipeline.console import errors
+from pipeline.engine.executor import Work
 from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
-from pipeline.engine.session import Work
 from pipeline.engine.worker_processes import WorkerProcesses
 from stages.registry import GRASP_STAGES, load_stage, resolve
 

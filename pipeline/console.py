@@ -1,14 +1,13 @@
 """Consoles, and progress: a bar on a terminal, a line every few seconds elsewhere."""
 
 import io
-import math
 import multiprocessing
 import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, SupportsFloat, TextIO
+from typing import Any, TextIO
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
@@ -81,24 +80,8 @@ def print_table(console: Console, columns: Iterable[object], rows: Iterable[Iter
     console.print(table)
 
 
-class Estimate(Protocol):
-    """A number and the ends of its interval, which may be infinite."""
-
-    @property
-    def mean(self) -> float:
-        """Give the number."""
-
-    @property
-    def low(self) -> float:
-        """Give the lower end."""
-
-    @property
-    def high(self) -> float:
-        """Give the upper end."""
-
-
-Cell = str | float | Estimate | tuple[float | None, ...] | None
-"""Text, a number, an estimate with its interval, several numbers, or None where there is no value."""
+Cell = object
+"""Text, a number or an interval, which a format writes, a tuple of several, or None where there is no value."""
 Columns = dict[str, tuple[str, Callable[[Any], Cell]]]
 """Of a table, by name with the unit: the format of its numbers, and the function that takes a cell from an entry."""
 
@@ -133,17 +116,12 @@ def tabulate(title: str, heading: str, entries: Mapping[str, Any], columns: Colu
 
 
 def cell_text(cell: Cell, form: str = "") -> str:
-    """Write a cell, its numbers formatted by `form`: an estimate with its interval below it, several numbers between slashes."""
-    if isinstance(cell, str):
-        return cell
+    """Write a cell, its numbers formatted by `form`, several between slashes."""
     if cell is None:
         return "–"
     if isinstance(cell, tuple):
         return " / ".join(cell_text(part, form) for part in cell)
-    if isinstance(cell, SupportsFloat):  # NumPy's numbers too
-        return f"{cell:{form}}"
-    ends = f"\n({cell.low:{form}}–{cell.high:{form}})" if math.isfinite(cell.low) and math.isfinite(cell.high) else ""
-    return f"{cell.mean:{form}}{ends}"
+    return cell if isinstance(cell, str) else f"{cell:{form}}"
 
 
 def show_tables(console: Console, tables: Iterable[Table]) -> None:

@@ -11,9 +11,7 @@ from pydantic import field_validator
 
 from pipeline.config.settings import ObjectSettings, setting
 from pipeline.dataset.object_rows import ObjectRows, is_surface, touch_sensor
-from pipeline.engine.stage import Cost, Inputs, ObjectStage
-from pipeline.engine.trade import Trade
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Cost, Inputs, ObjectStage, Trade, Unit
 from pipeline.kernels.charts.touch_chart import SIDE, FitOptions, StopRule, chart_square
 from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sensor_to_world
 from pipeline.rng import torch_generator

@@ -8,8 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from pipeline.config.settings import ObjectSettings, setting
-from pipeline.engine.stage import Cost, Inputs, ObjectStage
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Cost, Inputs, ObjectStage, Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.rendering_folder import PIXELS, image_name, read_renderings, rendering_files
 from pipeline.kernels.vision.camera import placed_camera, viewpoint_camera

@@ -14,8 +14,7 @@ from pydantic import ValidationError
 
 from pipeline import plugins
 from pipeline.config.settings import Settings, load_presets
-from pipeline.engine.stage import DatasetStage, ObjectStage
-from pipeline.engine.trade import Trade
+from pipeline.engine.stage import DatasetStage, ObjectStage, Trade
 from pipeline.errors import InvalidInput, PipelineError, StageError, unknown_name
 from pipeline.formats.description_file import invalid_entries
 from schemas.catalogue import ARTIFACTS
@@ -27,14 +26,14 @@ BUILT_IN = {
     "simulate-touch": "stages.simulate_touch:SimulateTouch",
     "simulate-presses": "stages.simulate_presses:SimulatePresses",
     "sample-distances": "stages.sample_distances:SampleDistances",
-    "train-unet": "stages.train_unet.stage:TrainUnet",
-    "train-touch": "stages.train_touch.stage:TrainTouch",
+    "train-unet": "stages.train_unet:TrainUnet",
+    "train-touch": "stages.train_touch:TrainTouch",
     "fit-charts": "stages.fit_charts:FitCharts",
-    "train-gcn": "stages.train_gcn.stage:TrainGcn",
-    "train-implicit": "stages.train_implicit.stage:TrainImplicit",
+    "train-gcn": "stages.train_gcn:TrainGcn",
+    "train-implicit": "stages.train_implicit:TrainImplicit",
     "evaluate": "stages.evaluate.stage:Evaluate",
     "read-renderings": "stages.read_renderings:ReadRenderings",
-    "train-single-image": "stages.train_gcn.stage:TrainSingleImage",
+    "train-single-image": "stages.train_gcn:TrainSingleImage",
     "evaluate-single-image": "stages.evaluate.stage:EvaluateSingleImage",
 }
 """Module and class of each stage. Importing the module is cheap: what a stage computes with is imported in its session."""

@@ -4,8 +4,7 @@ import numpy as np
 
 from pipeline.config.settings import ObjectSettings, setting
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.engine.stage import Cost, Inputs, ObjectStage
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Cost, Inputs, ObjectStage, Unit
 from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, bounding_diagonal
 from pipeline.store.rows import Row
 from schemas.base import Artifact

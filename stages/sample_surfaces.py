@@ -12,9 +12,7 @@ from pipeline.config.sources import identity, modelled
 from pipeline.console import abbreviate, pluralise
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.dataset.object_rows import paired_rows
-from pipeline.engine.stage import Cost, Inputs, ObjectStage
-from pipeline.engine.trade import Trade
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Cost, Inputs, ObjectStage, Trade, Unit
 from pipeline.formats.file_content import is_pointer_file
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.mesh_cleaning import CleaningReport, clean_mesh, normalise_mesh

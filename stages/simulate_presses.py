@@ -10,8 +10,7 @@ from pydantic import AfterValidator, Field
 
 from pipeline.config.settings import ObjectSettings, described_by, setting
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.engine.stage import Cost, Inputs, ObjectStage
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Cost, Inputs, ObjectStage, Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor, sensor_files
 from pipeline.kernels.touch.depth_maps import quantise_depth

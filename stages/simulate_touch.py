@@ -11,9 +11,7 @@ from pipeline.config.settings import ObjectSettings, described_by, setting
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import paired_rows, touch_sensors
 from pipeline.engine.keys import assets_digest
-from pipeline.engine.stage import Cost, Inputs, ObjectStage
-from pipeline.engine.trade import Trade
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Cost, Inputs, ObjectStage, Trade, Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files
 from pipeline.kernels.touch.sensor import Sensor

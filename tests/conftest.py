@@ -26,7 +26,9 @@ settings.load_profile("quick")
 
 
 def pytest_configure() -> None:
-    """Restore Ctrl-C, which a background job of a shell ignores, for programs that tests interrupt; do not wait for disks."""
+    """Compute on one thread per process; restore Ctrl-C, which a background job of a shell ignores, for programs that tests interrupt;
+    do not wait for disks."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     os.fsync = lambda file: None  # half the time of tests that write datasets

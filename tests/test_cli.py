@@ -218,10 +218,10 @@ def test_run_of_one_object_leaves_the_others_missing(tmp_path):
     assert "incomplete surfaces: 24 objects not made yet" in invoke("status", str(tmp_path))[1]
 
 
-def test_report_of_a_missing_folder_names_the_missing_artifact(tmp_path):
+def test_report_of_a_missing_folder_names_it(tmp_path):
     code, output = invoke("report", str(tmp_path / "nowhere"))
     assert code == 1
-    assert output.startswith(f"error: {tmp_path}/nowhere/surfaces has not been made"), output
+    assert output.startswith(f"error: folder {tmp_path}/nowhere does not exist"), output
 
 
 def test_recipe_of_an_incomplete_dataset_names_the_missing_shard(tmp_path):

@@ -1,7 +1,5 @@
 """Grasps: a hand closes around an object in physics."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -11,8 +9,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from pipeline.dataset.mesh_rows import mesh_row
-from pipeline.engine.stage import Inputs
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Inputs, Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import invalid_entries
 from pipeline.formats.hand_file import load_hand

@@ -1,7 +1,5 @@
 """Objects that sensors touch: a mesh, prepared once."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Presses without a hand: images of depth maps, and reliefs or objects pressed to a depth."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +13,7 @@ from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image
 from vt_pipeline.objects import Source, TouchObject, as_object
-from vt_pipeline.touching import Touch, as_pose, as_rng, as_sensor, touch
+from vt_pipeline.touching import Touch, as_poses, as_rng, as_sensor, touch
 
 DEPTH_TOLERANCE = 1e-6
 """m, within which an object is pressed to the depth that was asked for; rays meet the same points from everywhere along the normal."""
@@ -109,7 +107,7 @@ def press(
         return Touch(sensor, np.eye(4), met, tactile_image(met, sensor, rng))
     if pose is None:
         raise TypeError("an object needs a pose, (4, 4) sensor frame to object frame; a relief is a numpy array")
-    object_, pose = as_object(object_), as_pose("pose", pose)
+    object_, pose = as_object(object_), as_poses("pose", pose)
     if depth is None:
         return touch(object_, sensor, pose, rng=rng)
     depth_map = ray_depth(object_.faces, pose, sensor)

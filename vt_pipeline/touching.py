@@ -1,7 +1,5 @@
 """Touches: the measurements of a sensor pressed onto an object."""
 
-from __future__ import annotations
-
 import mmap
 import multiprocessing
 import operator
@@ -156,8 +154,8 @@ def touch(
     InvalidInput
         A pose is not a rigid motion.
     """
-    object_, sensor, pose = as_object(object_), as_sensor(sensor), as_pose("pose", pose)
-    seen_from = pose if object_pose is None else invert_pose(as_pose("object_pose", object_pose)) @ pose
+    object_, sensor, pose = as_object(object_), as_sensor(sensor), as_poses("pose", pose)
+    seen_from = pose if object_pose is None else invert_pose(as_poses("object_pose", object_pose)) @ pose
     depth = ray_depth(object_.faces, seen_from, sensor).astype(np.float32)
     return Touch(sensor, pose, depth, tactile_image(depth, sensor, as_rng(rng)))
 
@@ -183,7 +181,7 @@ def touch_many(object_: TouchObject | Source, sensor: Sensor | str | Path, poses
     InvalidInput
         A pose is not a rigid motion.
     """
-    object_, sensor, checked = as_object(object_), as_sensor(sensor), _as_poses("poses", poses, (-1, 4, 4))
+    object_, sensor, checked = as_object(object_), as_sensor(sensor), as_poses("poses", poses, several=True)
     if workers is not None and (not isinstance(workers, int | np.integer) or workers < 1):
         raise TypeError(f"workers is a number of processes, 1 or more, or None; this is {workers!r}")
     depth: NDArray[np.float32] = _shared((len(checked), *sensor.shape), np.float32)
@@ -194,31 +192,24 @@ def touch_many(object_: TouchObject | Source, sensor: Sensor | str | Path, poses
             single = touch(object_, sensor, checked[number])
             depth[number], image[number] = single.depth, single.image
 
-    cores = len(os.sched_getaffinity(0)) if workers is None else workers
-    _in_processes(fill, len(checked), min(cores, max(1, len(checked) // MIN_TOUCHES_PER_PROCESS)) if workers is None else cores)
+    _in_processes(fill, len(checked), workers or min(len(os.sched_getaffinity(0)), max(1, len(checked) // MIN_TOUCHES_PER_PROCESS)))
     return Touches(sensor, checked, depth, image)
 
 
-def as_pose(name: str, pose: Any) -> NDArray[np.float64]:
-    """Return a pose (4, 4); the error for a wrong shape or type names the expected one, that for a wrong matrix the fault."""
-    return _as_poses(name, pose, (4, 4))
-
-
-def _as_poses(name: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return a pose, or several; the error for a wrong shape or type names the expected one, that for a wrong matrix the fault."""
+def as_poses(name: str, values: Any, *, several: bool = False) -> NDArray[np.float64]:
+    """Return a pose (4, 4), or several (N, 4, 4); errors name the expected shape, or what is wrong with a matrix."""
     try:
         poses = np.array(values, np.float64)  # a copy: points are computed when they are asked for
     except (TypeError, ValueError):  # no numbers, or not as many in each
         poses = np.zeros(())
-    if len(shape) == 3 and poses.shape in ((4, 4), (0,)):
+    if several and poses.shape in ((4, 4), (0,)):
         poses = poses.reshape(-1, 4, 4)
-    if poses.ndim != len(shape) or poses.shape[-2:] != (4, 4):
-        expected = "(4, 4)" if len(shape) == 2 else "(N, 4, 4)"
-        several = "; touch_many takes several" if poses.ndim == 3 and len(shape) == 2 else ""
+    if poses.ndim != 2 + several or poses.shape[-2:] != (4, 4):
+        expected, hint = ("(N, 4, 4)", "") if several else ("(4, 4)", "; touch_many takes several" if poses.ndim == 3 else "")
         received = f"an array {np.shape(values)}" if isinstance(values, np.ndarray) else type(values).__name__
-        raise TypeError(f"{name} is {expected} numbers, a frame as a matrix; this is {received}{several}")
+        raise TypeError(f"{name} is {expected} numbers, a frame as a matrix; this is {received}{hint}")
     for number, pose in enumerate(poses.reshape(-1, 4, 4)):
-        check_pose(pose, name if len(shape) == 2 else f"{name}[{number}]")
+        check_pose(pose, f"{name}[{number}]" if several else name)
     return poses
 
 

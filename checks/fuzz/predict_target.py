@@ -17,15 +17,15 @@ from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.network_configurations import NetworkConfig
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
-from pipeline.models.deformation_reconstruction import DeformationReconstructor
 from pipeline.models.model_files import save_model
 from pipeline.models.reconstruction import Trained
+from pipeline.models.reconstructors import DeformationReconstructor
 from pipeline.models.touch_model import load_touch_model, save_touch_model
 from pipeline.reconstruct.observation_checks import check
 from pipeline.reconstruct.predict import PredictOptions, predict
 from pipeline.store.digest import hashes_of
-from pipeline.store.directory import DataDirectory, is_version
-from pipeline.store.publish import FolderOutput
+from pipeline.store.directory import DataDirectory, record_of
+from pipeline.store.publish import commit_folder
 from pipeline.store.record import FolderRecord
 
 NAME, PIXELS = "occluded-touch", 16
@@ -65,7 +65,7 @@ class Predictions(Target):
             for record in (folder / "unet.json", folder / f"gcn/{NAME}.json"):
                 seal(
                     record,
-                    lambda said, at=record.parent: {"files": hashes_of(at / said["location"])} if is_version(said["location"]) else {},
+                    lambda said, at=record.parent: {"files": hashes_of(at / said["location"])} if record_of(said["location"]) else {},
                 )
         path = folder / "grasp.yaml"
         if content // 8 % WHOLE == 0:
@@ -120,4 +120,4 @@ def _publish(models: Path, name: str, folder: Path) -> None:
         seconds=1.0,
         files=hashes_of(folder),
     )
-    FolderOutput(DataDirectory(models), name).commit(folder, record)
+    commit_folder(DataDirectory(models), name, folder, record)

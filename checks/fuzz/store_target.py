@@ -22,9 +22,9 @@ from pipeline.store import digest
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
 from pipeline.store.layout import numpy_dtype
-from pipeline.store.publish import FolderOutput, ShardOutput
+from pipeline.store.publish import commit_folder, commit_shard
 from pipeline.store.record import Failure, FolderRecord, RowRecord, ShardRecord
-from pipeline.store.rows import Result, Row, row_digest
+from pipeline.store.rows import Result, Row, RowFiles, row_digest
 from pipeline.store.validate import problems_below
 from pipeline.tables import status
 from pipeline.tables.touch_tables import read_touches, touch_tables
@@ -103,11 +103,10 @@ def _make(data: Path) -> None:
         )
         sensor = load_sensor("gel_16mm").model_copy(update={"rows": SIZE, "cols": SIZE}).model_dump(mode="json")
         attributes = {"sensors": [sensor] * SIZE}
-        output = ShardOutput(directory, artifact, 0, 1)
-        results = [
-            output.rows.save(Result(name=name, key="0" * 64, failure=failures[name]), row) for name, row in values_of_objects.items()
-        ]
-        output.commit(record, results, constants, attributes)
+        files = RowFiles(directory.work(artifact.name), artifact)
+        results = [files.save(Result(name=name, key="0" * 64, failure=failures[name]), row) for name, row in values_of_objects.items()]
+        record_path = directory.shard_record(artifact.name, 0, 1)
+        commit_shard(directory, artifact, record_path, record, results, constants, attributes)
     (folder := data / ".work" / "unet").mkdir(parents=True)
     (folder / "model.json").write_text("{}")
     facts_of_folder: dict[str, Any] = {
@@ -118,7 +117,7 @@ def _make(data: Path) -> None:
         "files": hashes_of(folder),
     }
     grasps = directory.collection(GRASPS).rows_digest(("train",))
-    FolderOutput(directory, "models/unet").commit(folder, FolderRecord(**PROVENANCE, **facts_of_folder, inputs={"grasps": grasps}))
+    commit_folder(directory, "models/unet", folder, FolderRecord(**PROVENANCE, **facts_of_folder, inputs={"grasps": grasps}))
 
 
 def _values(array: Array, rng: np.random.Generator) -> np.ndarray:

@@ -1,15 +1,16 @@
 """Check a hand file: joints, overlaps and faults, and a picture of the hand from three sides."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import trimesh
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from pipeline.checks.hand_trial import trial_grasps
 from pipeline.console import Meter, abbreviate, errors, pluralise
 from pipeline.drawing.colors import finger_colors
 from pipeline.drawing.plots import save_figure
@@ -18,7 +19,8 @@ from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.formats.urdf import ignored_limits, read_urdf
 from pipeline.kernels.arrays import Array
-from pipeline.kernels.geometry.mesh import face_cross_products
+from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
+from pipeline.kernels.geometry.mesh_cleaning import POSITION
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes, collision_spheres
 from pipeline.kernels.hand.convex_shapes import buried_gels, convex_error
@@ -29,8 +31,11 @@ from pipeline.kernels.hand.self_collision import LinkOverlap, frequent_overlaps,
 from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.hand_urdf import inertia_notes
+from pipeline.physics.simulation import Simulation
 from pipeline.rng import numpy_rng
-from stages.simulate_grasps.prepare import MEASURE_SPACING, finger_gap
+from stages.simulate_grasps.grasp_search import GraspSearch
+from stages.simulate_grasps.plans import TouchPlanner
+from stages.simulate_grasps.prepare import MEASURE_SPACING, finger_gap, prepare_hand, prepare_object
 from stages.simulate_grasps.stage import GraspSettings
 
 POSTURES = 512
@@ -55,6 +60,23 @@ ARROW = 0.15
 """Length of the palm's arrow, and of a sensor's longest motion, as a share of the hand's size."""
 STEP = 0.05
 """Share of every joint's range by which joints move to find the closing directions."""
+ATTEMPTS = 10
+BALL_SHARE = 0.5
+"""Diameter of the ball, as a share of the hand's opening."""
+NO_ROOM = "the hand has no room around the ball"
+PALM = "let palm.facing and palm.centre of the hand file point to where an object lies; the picture draws them"
+NEARER = (
+    "the palm's sensors touch what is nearer than their gel is thick: with --set simulate-grasps.least_distance=0 and a "
+    "greatest_distance below that"
+)
+REMEDIES = {
+    NO_ROOM: PALM,
+    "fingers still move": "lower torque in the hand file",
+    "a joint is pushed": "lower torque in the hand file",
+    "links of the hand": "write the pairs of the overlap lines into the hand file",
+    "a rigid link": "lay the sensors' origins on the surface of their links, and normals outwards, in the hand file",
+}
+"""What to do if no attempt succeeds, by how the most frequent reason begins."""
 
 
 def check_hand(path: Path, picture: Path) -> list[str]:
@@ -62,15 +84,19 @@ def check_hand(path: Path, picture: Path) -> list[str]:
     hand = load_hand(path)
     sensors = load_worn_sensors(sensor_names(hand))
     angles = numpy_rng(0, "check", hand.name).uniform(hand.lower, hand.upper, (POSTURES, len(hand.lower)))
-    frames, boxes = forward_kinematics(hand, np.eye(4), angles), collision_boxes(hand)
-    overlaps = frequent_overlaps(hand, boxes, frames)
-    draw_hand(hand, sensors, [(overlap.first, overlap.second) for overlap in overlaps], picture)
+    boxes = collision_boxes(hand)
+    overlaps = frequent_overlaps(hand, boxes, forward_kinematics(hand, np.eye(4), angles))
+    draw_hand(hand, sensors, {link for overlap in overlaps for link in (overlap.first, overlap.second)}, picture)
     fingers = ", ".join(
         f"{finger.name} ({pluralise(len(finger.joints), 'joint')}, {pluralise(len(finger.sensors), 'sensor')})" for finger in hand.fingers
     )
-    unusable = _unusable_shapes(hand)
     gels = list(buried_gels(hand, sensors))
-    faults = [*_faults(hand, boxes), *unusable, *(f"fault: {sentence}" for wholly, sentence in gels if wholly)]
+    try:
+        collision_spheres(hand, spacing=MEASURE_SPACING)
+        unusable = []
+    except InvalidInput as error:  # a shape is flat or too large; `simulate-grasps` says the same
+        unusable = [str(error)]
+    faults = [f"fault: {text}" for text in (*_faults(hand, boxes), *unusable, *(text for wholly, text in gels if wholly))]
     trial = [] if faults else trial_grasps(path)
     faulty = any(line.startswith("fault:") for line in (*faults, *trial))
     return [
@@ -78,7 +104,7 @@ def check_hand(path: Path, picture: Path) -> list[str]:
         f"moves: {fingers}; joints that follow another: {len(hand.followers)}, frozen: {len(hand.frozen)}",
         f"motors {hand.torque:g} N m (N), friction {hand.friction:g}, opens {1e3 * opening(hand):.0f} mm",
         *faults,
-        *(f"warning: {sentence}" for wholly, sentence in gels if not wholly),
+        *(f"warning: {text}" for wholly, text in gels if not wholly),
         *(_overlap_line(hand, overlap) for overlap in overlaps),
         *([] if unusable else _convex_notes(hand)),
         *_notes(hand),
@@ -87,50 +113,28 @@ def check_hand(path: Path, picture: Path) -> list[str]:
     ]
 
 
-def _faults(hand: Hand, boxes: CollisionBoxes) -> list[str]:
-    """List the faults that keep the hand from grasping; `simulate-grasps` stops with the same sentence at fingers that are blocked."""
+def _faults(hand: Hand, boxes: CollisionBoxes) -> Iterator[str]:
+    """Yield what keeps the hand from grasping; `simulate-grasps` stops with the same sentence at fingers that are blocked."""
     gap = finger_gap(hand)
-    postures = sample_postures(hand, boxes, samples=GraspSettings().ik_samples, gap=gap)
-    blocked = [f"fault: {sentence}" for sentence in blocked_fingers(hand, boxes, postures, gap=gap)]
-    shapeless = [
-        f"fault: no link of {finger.name} has a collision shape"
-        for finger in hand.fingers
-        if not any(hand.links[link].collisions for link in finger.links)
-    ]
-    rest = np.clip(0.0, hand.lower, hand.upper)
-    closing = closing_directions(hand, rest)
-    on_fingers = {sensor for finger in hand.fingers for sensor in finger.sensors}
-    still = [
-        f"fault: the sensor {mount.name} hardly moves along its normal as its finger closes; is the normal outward, and the link the tip?"
-        for number, mount in enumerate(hand.sensors)
-        if number in on_fingers and np.linalg.norm(closing[number]) < MIN_TRAVEL
-    ]
-    width = opening(hand)
-    too_large = [f"fault: the hand opens {width:.3g} m; are lengths in its URDF or hand file in millimetres?"] if width > LARGE else []
-    return [*blocked, *shapeless, *still, *too_large, *_far_palm(hand)]
-
-
-def _unusable_shapes(hand: Hand) -> list[str]:
-    """Report a collision shape that is flat or too large, as `simulate-grasps` would."""
-    try:
-        collision_spheres(hand, spacing=MEASURE_SPACING)
-    except InvalidInput as error:
-        return [f"fault: {error}"]
-    return []
-
-
-def _far_palm(hand: Hand) -> list[str]:
-    """Detect a palm far from the fingers, such as the base of an arm."""
+    yield from blocked_fingers(hand, boxes, sample_postures(hand, boxes, samples=GraspSettings().ik_samples, gap=gap), gap=gap)
+    for finger in hand.fingers:
+        if not any(hand.links[link].collisions for link in finger.links):
+            yield f"no link of {finger.name} has a collision shape"
+    closing = closing_directions(hand, np.clip(0.0, hand.lower, hand.upper))
+    for number in sorted({sensor for finger in hand.fingers for sensor in finger.sensors}):
+        if np.linalg.norm(closing[number]) < MIN_TRAVEL:
+            still = f"the sensor {hand.sensors[number].name} hardly moves along its normal as its finger closes"
+            yield f"{still}; is the normal outward, and the link the tip?"
+    if (width := opening(hand)) > LARGE:
+        yield f"the hand opens {width:.3g} m; are lengths in its URDF or hand file in millimetres?"
     places = sensor_positions(hand)
     nearest = np.linalg.norm(places - hand.palm_centre, axis=-1).min()
     farthest = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1).max()
-    if len(hand.sensors) < 2 or nearest <= FAR_PALM * farthest:
-        return []
-    return [
-        f"fault: no sensor comes nearer to the palm's centre than {1e3 * nearest:.0f} mm, and sensors are at most "
-        f"{1e3 * farthest:.0f} mm apart; is palm.link, {hand.links[0].name}, the link that the fingers grow from, and palm.centre in its "
-        "frame?"
-    ]
+    if len(hand.sensors) > 1 and nearest > FAR_PALM * farthest:  # as from the base of an arm
+        yield (
+            f"no sensor comes nearer to the palm's centre than {1e3 * nearest:.0f} mm, and sensors are at most {1e3 * farthest:.0f} mm "
+            f"apart; is palm.link, {hand.links[0].name}, the link that the fingers grow from, and palm.centre in its frame?"
+        )
 
 
 def _overlap_line(hand: Hand, overlap: LinkOverlap) -> str:
@@ -139,65 +143,86 @@ def _overlap_line(hand: Hand, overlap: LinkOverlap) -> str:
     return f"overlap: [{names}] in {share}, by {depth}: write {remedy(hand, overlap)} into the hand file"
 
 
-def _convex_notes(hand: Hand) -> list[str]:
+def _convex_notes(hand: Hand) -> Iterator[str]:
     """Describe what convex shapes in place of collision meshes lose, and the hollows that they fill."""
     links, _ = read_urdf(hand.urdf, hand.links[0].name)  # as they are, meshes and all
     meshed = [pair for pair in zip(links, hand.links, strict=True) if any(shape.kind == "mesh" for shape in pair[0].collisions)]
+    measured = {}
     with Meter(errors, "measuring convex shapes", len(meshed), "links", after=1.0) as meter:
-        measured = {}
         for link, convex in meshed:
             measured[link.name] = convex_error(link, convex)
             meter.advance()
     if not measured:
-        return []
-    convex_errors = measured.values()
-    notes = [
-        f"collision meshes of {pluralise(len(measured), 'link')} are taken as convex: "
-        f"{sum(error.faces for error in convex_errors)} faces became {sum(error.kept for error in convex_errors)}, and "
-        f"{1e3 * max(error.lost for error in convex_errors):.2f} mm is the most that any of them lost"
-    ]
-    deep = sorted((name for name, error in measured.items() if error.filled > HOLLOW), key=lambda name: -measured[name].filled)
-    if deep:
-        depths = [f"{name} {1e3 * measured[name].filled:.0f} mm" for name in deep]
-        notes.append(
-            f"hollows of meshes that this fills, by depth: {abbreviate(depths)}; they matter where links overlap or block a finger"
-        )
-    return notes
+        return
+    faces, kept = sum(error.faces for error in measured.values()), sum(error.kept for error in measured.values())
+    yield (
+        f"collision meshes of {pluralise(len(measured), 'link')} are taken as convex: {faces} faces became {kept}, and "
+        f"{1e3 * max(error.lost for error in measured.values()):.2f} mm is the most that any of them lost"
+    )
+    deepest = sorted(measured.items(), key=lambda item: -item[1].filled)
+    if hollows := [f"{name} {1e3 * error.filled:.0f} mm" for name, error in deepest if error.filled > HOLLOW]:
+        yield f"hollows of meshes that this fills, by depth: {abbreviate(hollows)}; they matter where links overlap or block a finger"
 
 
-def _notes(hand: Hand) -> list[str]:
-    notes = inertia_notes(hand)
+def _notes(hand: Hand) -> Iterator[str]:
+    yield from inertia_notes(hand)
     if unseen := [link.name for link in hand.links if link.collisions and not link.visuals]:
-        notes.append(f"camera images do not show links that have collision shapes and no visual: {abbreviate(unseen)}")
-    notes += [f"warning: {sentence}" for sentence in ignored_limits(hand)]
-    notes += _followers_beyond_limits(hand)
-    if hand.allowed_contacts:
-        pairs = sorted(f"[{hand.links[first].name}, {hand.links[second].name}]" for first, second in hand.allowed_contacts)
-        notes.append(f"let overlap, as stated or as neighbours that do at rest: {', '.join(pairs)}")
-    return notes
-
-
-def _followers_beyond_limits(hand: Hand) -> list[str]:
-    """Name the joints that follow another one beyond limits of their own, which many URDFs state carelessly: the leader's count."""
-    lines = []
-    for follower in hand.followers:
+        yield f"camera images do not show links that have collision shapes and no visual: {abbreviate(unseen)}"
+    yield from (f"warning: {sentence}" for sentence in ignored_limits(hand))
+    for follower in hand.followers:  # many URDFs state their limits carelessly
         joint = hand.joints[follower.link - 1]
         ends = [follower.multiplier * float(limit[follower.entry]) + follower.offset for limit in (hand.lower, hand.upper)]
         slack = ROUNDED * (joint.upper - joint.lower)
         if joint.kind != "continuous" and slack > 0 and (min(ends) < joint.lower - slack or max(ends) > joint.upper + slack):
-            lines.append(
+            yield (
                 f"warning: joint {joint.name} follows {hand.joint_names[follower.entry]} through {min(ends):.4g} … {max(ends):.4g}, beyond "
                 f"its own limits {joint.lower:.4g} … {joint.upper:.4g}, which do not count: narrow those of the joint that it follows"
             )
+    if hand.allowed_contacts:
+        pairs = sorted(f"[{hand.links[first].name}, {hand.links[second].name}]" for first, second in hand.allowed_contacts)
+        yield f"let overlap, as stated or as neighbours that do at rest: {', '.join(pairs)}"
+
+
+def trial_grasps(path: Path) -> list[str]:
+    """Attempt to grasp a ball with the hand of a file without faults, as `simulate-grasps` does.
+
+    The lines say how many attempts are grasps, and with how many touches; why the others fail; and a fault if all fail.
+    """
+    settings = GraspSettings(hand=str(path))
+    prepared = prepare_hand(settings)
+    radius = BALL_SHARE * opening(prepared.hand) / 2
+    sphere = trimesh.creation.icosphere(subdivisions=4, radius=1.0)
+    ball = Mesh.bare(POSITION + radius * sphere.vertices, np.asarray(sphere.faces))
+    prepared_ball = prepare_object(ball, ball.vertices, np.asarray(sphere.vertices), reach=prepared.reach)
+    with Simulation(prepared.hand) as physics, Meter(errors, "trial grasps", ATTEMPTS, "attempts", after=1.0) as meter:
+        physics.load(ball)
+        search = GraspSearch(TouchPlanner(prepared, prepared_ball, settings), physics)
+        attempts = []
+        for number in range(ATTEMPTS):
+            attempts.append(search.attempt(numpy_rng(0, "check", prepared.hand.name, number)))
+            meter.advance()
+    touches = [int(attempt.grasp.touched.sum()) for attempt in attempts if attempt is not None and attempt.fault is None]
+    reasons = Counter(NO_ROOM if attempt is None else attempt.fault for attempt in attempts if attempt is None or attempt.fault)
+    summary = f"trial: {len(touches)} of {ATTEMPTS} attempts at a ball of {2e3 * radius:.0f} mm are grasps"
+    if touches:
+        summary += f", which touch with {np.mean(touches):.1f} of {len(prepared.sensors)} sensors"
+    lines = [summary, *(f"trial: {count} failed: {reason}" for reason, count in reasons.most_common())]
+    if not touches:
+        worst = str(reasons.most_common(1)[0][0])
+        remedy = next(remedy for reason, remedy in REMEDIES.items() if worst.startswith(reason))
+        lines.append(f"fault: no attempt is a grasp, mostly because {worst}; {remedy}")
+    elif not any(touches):
+        on_palm = not any(finger.sensors for finger in prepared.hand.fingers)
+        fault = f"fault: no sensor touches the ball: do the sensors' normals point out of their links? Else {PALM}"
+        lines.append(f"trial: {NEARER}" if on_palm else fault)
     return lines
 
 
-def draw_hand(hand: Hand, sensors: Sequence[Sensor], overlaps: Sequence[tuple[int, int]], path: Path) -> None:
-    """Draw a hand at rest as a PNG, pairs of links that overlap in red: every joint at 0, or at its limit nearest to 0."""
+def draw_hand(hand: Hand, sensors: Sequence[Sensor], red: set[int], path: Path) -> None:
+    """Draw a hand at rest as a PNG, the links `red` in red: every joint at 0, or at its limit nearest to 0."""
     rest = np.clip(0.0, hand.lower, hand.upper)
     frames = forward_kinematics(hand, np.eye(4), rest)
     poses, closing = sensor_poses_from_links(hand, frames), closing_directions(hand, rest)
-    red = {link for pair in overlaps for link in pair}
     colors = np.array(finger_colors(len(poses))) / 255
     gels = [[transform_points(pose, line) for line in gel_lines(sensor)] for pose, sensor in zip(poses, sensors, strict=True)]
     triangles, normals, base_colors = _triangles(hand, frames, red)

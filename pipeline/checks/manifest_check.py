@@ -57,7 +57,7 @@ class CheckedObject:
         """A warning about the unit, if the size is unusual."""
         if not self.real_size or USUAL[0] <= self.diagonal <= USUAL[1]:
             return None
-        likely = likely_units(self.in_file)
+        likely = _likely_units(self.in_file)
         question = f"is the unit {' or '.join(likely)}?" if likely else "is the unit right?"
         return f"warning: {self.name} is {self.diagonal:.3g} m large: {question}"
 
@@ -90,7 +90,7 @@ class MeshFiles:
     up: str | None = None
 
 
-def likely_units(diagonal: float) -> list[str]:
+def _likely_units(diagonal: float) -> list[str]:
     """List the units in which a diagonal is one of objects that hands grasp."""
     return [unit for unit in ("mm", "cm", "m", "in") if LIKELY[0] <= diagonal * METRES[unit] <= LIKELY[1]]
 
@@ -107,7 +107,7 @@ def check_manifest(
     with Meter(errors, "reading objects", len(objects), "objects", after=2.0) as meter:
         for item in objects:
             try:
-                checked.append(read_object(item, meshes.units))
+                checked.append(_read_object(item, meshes.units))
             except (InvalidInput, OSError) as error:
                 faults.append(f"fault: {item.object_id}: {error}")
             meter.advance()
@@ -126,26 +126,31 @@ def check_manifest(
         *_first([f"warning: in {name}: {abbreviate(reasons)}" for name, reasons in [*unread.items()][1:]]),
         *SampleSurfaces().describe_objects(SurfaceSettings(), objects),
         *_first(list(_same_files(objects))),
-        *_scaled([item.in_file for item in checked if item.unit == SCALED]),
+        *_scaled_sizes(sorted(item.in_file for item in checked if item.unit == SCALED)),
         f"picture: {picture}",
     ]
 
 
-def read_object(
+def _read_object(
     item: Object,
     units: str | None,  # of `--units`, for files for which the manifest states none
 ) -> CheckedObject:
     """Read an object as `sample-surfaces` does; an `InvalidInput` or `OSError` says why it cannot be used."""
     source, unit = item.source, "m, modelled"
-    if "file" in source:
-        file = Path(source["file"])
-        unit = _unit(file, source["metres_per_unit"], "--units" if units and source["metres_per_unit"] == METRES[units] else "manifest")
+    metres = source.get("metres_per_unit")
+    if "file" in source and metres is None:
+        unit = SCALED
+    elif "file" in source:
+        stated = stated_units(Path(source["file"]))[0]
+        stated_by = "--units" if units and metres == METRES[units] else "manifest"
+        by_another = f"{stated_by} (its file: {_symbol(stated)})" if stated else stated_by
+        unit = f"{_symbol(metres)}, {'its file' if stated == metres else by_another}"
     mesh, placement, report = normalised_mesh(source, SurfaceSettings())
     diagonal = bounding_diagonal(mesh.vertices)
     return CheckedObject(
         name=item.object_id,
         unit=unit,
-        real_size=source.get("metres_per_unit") is not None,
+        real_size=metres is not None,
         sides=tuple(np.ptp(mesh.vertices, axis=0).tolist()),
         diagonal=diagonal,
         in_file=diagonal / float(np.linalg.norm(placement[:3, 0])),
@@ -156,17 +161,8 @@ def read_object(
     )
 
 
-def _unit(file: Path, metres: float | None, stated_by: str) -> str:
-    """Name the unit of a file, and its source."""
-    if metres is None:
-        return SCALED
-    stated_metres = stated_units(file)[0]
-    if stated_metres == metres:
-        return f"{_unit_symbol(metres)}, its file"
-    return f"{_unit_symbol(metres)}, {stated_by}" + (f" (its file: {_unit_symbol(stated_metres)})" if stated_metres else "")
-
-
-def _unit_symbol(metres: float) -> str:
+def _symbol(metres: float) -> str:
+    """Name a unit of this many metres."""
     return next((sign for sign, value in METRES.items() if value == metres), f"{metres:g} m")
 
 
@@ -187,13 +183,13 @@ def _first(lines: Sequence[str]) -> list[str]:
     return [*lines[:LISTED], *([f"and {len(lines) - LISTED} more"] if len(lines) > LISTED else [])]
 
 
-def _scaled(sizes: Sequence[float]) -> Iterator[str]:
+def _scaled_sizes(sizes: Sequence[float]) -> Iterator[str]:  # in increasing order
     """Yield the sizes in their files of objects without a unit, and the likely units."""
     if sizes:
-        middle = sorted(sizes)[len(sizes) // 2]
-        likely = " or ".join(f"{middle * METRES[unit]:.2g} m ({unit})" for unit in likely_units(middle))
+        middle = sizes[len(sizes) // 2]
+        likely = " or ".join(f"{middle * METRES[unit]:.2g} m ({unit})" for unit in _likely_units(middle))
         guess = f"; half of them are at most {likely} large" if likely else ""
-        yield f"in their files, diagonals are between {min(sizes):.3g} and {max(sizes):.3g}{guess}"
+        yield f"in their files, diagonals are between {sizes[0]:.3g} and {sizes[-1]:.3g}{guess}"
 
 
 def _same_files(objects: Sequence[Object]) -> Iterator[str]:
@@ -219,10 +215,7 @@ def _draw(
     drawn_sources: Mapping[str, Mapping[str, Any]],  # by caption
     picture: Path,
 ) -> None:
-    """Draw how many objects of each category are in each split, and the meshes of `drawn_sources`, as a PNG.
-
-    If there are many categories, the largest are drawn.
-    """
+    """Draw how many objects of the largest categories are in each split, and the meshes of `drawn_sources`, as a PNG."""
     counts = Counter((item.category, item.split) for item in objects)
     categories = sorted(name for name, _ in Counter(item.category for item in objects).most_common(LISTED))
     bars, rows = 1 + 0.3 * len(categories), ceil(len(drawn_sources) / PER_ROW)

@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -62,7 +63,14 @@ def submit(jobs: Sequence[Job], submission: Submission) -> Iterator[SubmittedJob
     scripts = {job.output: script_of(job, submission) for job in jobs}
     with exclusive_lock(folder / "lock", folder):
         jobs_by_output = {job.output: job for job in submitted_jobs(folder)}
-        _refuse_unfinished(folder, [jobs_by_output[output] for output in scripts if output in jobs_by_output])
+        earlier = [jobs_by_output[output] for output in scripts if output in jobs_by_output]
+        states = task_states(folder, earlier)
+        for made in earlier:
+            if waiting := sum(states[task][0] in ("pending", "running") for task in made.task_names):
+                raise StageError(
+                    f"{made.output} is being made: job {made.number} has {pluralise(waiting, 'task')} not ended yet; wait for it, "
+                    f"or end it with `scancel {made.number}`"
+                )
         ids: dict[str, str] = {}
         for job in jobs:
             path = folder / f"{job.name}.sh"
@@ -73,16 +81,6 @@ def submit(jobs: Sequence[Job], submission: Submission) -> Iterator[SubmittedJob
             jobs_by_output[job.output] = submitted
             write_atomically(folder / "jobs.json", _JOBS.dump_json({"jobs": tuple(jobs_by_output.values())}, indent=1))
             yield submitted
-
-
-def _refuse_unfinished(folder: Path, jobs: Sequence[SubmittedJob]) -> None:
-    states = task_states(folder, jobs)
-    for job in jobs:
-        if waiting := sum(states[task][0] in ("pending", "running") for task in job.task_names):
-            raise StageError(
-                f"{job.output} is being made: job {job.number} has {pluralise(waiting, 'task')} not ended yet; wait for it, "
-                f"or end it with `scancel {job.number}`"
-            )
 
 
 def _sbatch(script: Path, condition: str | None, earlier_ids: list[str]) -> str:
@@ -141,7 +139,9 @@ def jobs_account(data: Location) -> dict[str, dict[str, Any]]:
 def _state_of(folder: Path, job: SubmittedJob, task: str, states: dict[str, tuple[str, str]], no_answer: str) -> tuple[State, str]:
     name, reason = states.get(task, ("", ""))
     reason = "" if reason == "None" else reason
-    status = _exit_status(folder / f"{task}.exit")
+    status = None
+    with suppress(OSError, ValueError):  # it left none
+        status = int(read_bytes(folder / f"{task}.exit"))
     state: State = "failed"
     if name in PENDING:
         state, why = "pending", reason
@@ -158,14 +158,6 @@ def _state_of(folder: Path, job: SubmittedJob, task: str, states: dict[str, tupl
     else:
         why = "it was ended before it was finished" if job.log(folder, task).exists() else "it was cancelled before it began"
     return state, why
-
-
-def _exit_status(path: Path) -> int | None:
-    """Read the exit status that a task left; None if it left none."""
-    try:
-        return int(read_bytes(path))
-    except (OSError, ValueError):
-        return None
 
 
 def _squeue(jobs: Sequence[SubmittedJob]) -> tuple[dict[str, tuple[str, str]], str]:

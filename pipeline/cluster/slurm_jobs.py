@@ -176,7 +176,12 @@ def script_of(job: Job, submission: Submission) -> str:
     for path in (folder, submission.start):
         if not str(path).isprintable():
             raise InvalidInput(f"{str(path)!r} has characters that a job's script cannot hold; rename the folder")
-    allocation = allocation_of(job, profile)
+    uses_gpu = dict(job.settings).get("accelerator", "cpu") != "cpu"
+    allocation = profile.gpu if uses_gpu and profile.gpu else profile.cpu
+    assignments = [part for assignment in job.assignments for part in ("--set", assignment)]
+    arguments = ["run", job.stage.name, *submission.arguments, *assignments, "--workers", str(allocation.cores)]
+    arguments += ["--shards", str(submission.shards)] if job.is_array else []
+    command = f"{profile.command or shlex.join([sys.executable, '-m', 'pipeline'])} {shlex.join(arguments)}"
     pattern = str(folder).replace("%", "%%")
     limit = f"%{profile.concurrent}" if profile.concurrent else ""
     options = {
@@ -206,7 +211,7 @@ def script_of(job: Job, submission: Submission) -> str:
             "(",
             "set -e",
             *profile.setup,
-            command_of(job, submission, allocation.cores),
+            command + (' --shard "$SLURM_ARRAY_TASK_ID"' if job.is_array else ""),
             ")",
             "status=$?",
             'echo "$status" > "$left"',
@@ -214,19 +219,3 @@ def script_of(job: Job, submission: Submission) -> str:
             "",
         ]
     )
-
-
-def command_of(job: Job, submission: Submission, cores: int) -> str:
-    """Write the command of a job as the shell takes it."""
-    program = submission.profile.command or shlex.join([sys.executable, "-m", "pipeline"])
-    assignments = [part for assignment in job.assignments for part in ("--set", assignment)]
-    arguments = ["run", job.stage.name, *submission.arguments, *assignments, "--workers", str(cores)]
-    if not job.is_array:
-        return f"{program} {shlex.join(arguments)}"
-    return f'{program} {shlex.join([*arguments, "--shards", str(submission.shards)])} --shard "$SLURM_ARRAY_TASK_ID"'
-
-
-def allocation_of(job: Job, profile: ClusterProfile) -> Allocation:
-    """Select the resources of a task: with GPUs if its settings use one and the cluster has any."""
-    uses_gpu = dict(job.settings).get("accelerator", "cpu") != "cpu"
-    return profile.gpu if uses_gpu and profile.gpu else profile.cpu

@@ -1,6 +1,5 @@
 """The objects of a dataset that no stage failed on, with the hand, the sensors and the scene they were made with."""
 
-import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -9,21 +8,18 @@ from pydantic import ValidationError
 
 from pipeline.console import abbreviate
 from pipeline.dataset.grasps import grasping_hand
-from pipeline.dataset.object_rows import touch_sensors
+from pipeline.dataset.object_rows import UsableObjects
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.scene import Scene
-from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location
-from pipeline.store.validate import check_origins
 from schemas.catalogue import ARTIFACTS
 
 
-class CompletedObjects:
-    """The objects that failed in none of the artifacts that are read, in id order."""
+class CompletedObjects(UsableObjects):
+    """All objects that failed in none of the artifacts that are read, in id order."""
 
     def __init__(
         self,
@@ -31,19 +27,7 @@ class CompletedObjects:
         needed: Sequence[str],  # artifacts
         optional: Sequence[str] = (),  # artifacts that are read if they have been made
     ) -> None:
-        self.directory = DataDirectory(data)
-        collections = {name: self.directory.collection(ARTIFACTS[name]) for name in (*needed, *optional)}
-        self.collections = {name: collection for name, collection in collections.items() if name in needed or collection.shards}
-        for collection in self.collections.values():
-            collection.first  # noqa: B018 (an error where it has not been made)
-        check_origins(self.directory, list(self.collections))
-        surfaces = self.collections["surfaces"]
-        names = [*surfaces, *surfaces.missing]
-        failures = {name: why for name in names for collection in self.collections.values() if (why := collection.failure(name))}
-        self.failures = {name: (why.stage, why.reason) for name, why in failures.items()}
-        self.object_ids = [name for name in names if name not in failures]
-        if not self.object_ids:
-            raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status {shlex.quote(str(data))}` says why")
+        super().__init__(data, [ARTIFACTS[name] for name in needed], None, [ARTIFACTS[name] for name in optional])
 
     def rows(self, object_id: str) -> dict[str, Mapping[str, np.ndarray]]:
         """Open an object's rows, by artifact; each array is read once."""
@@ -53,14 +37,11 @@ class CompletedObjects:
         """Collect the digests of an object's rows, by artifact."""
         return {name: collection.row(object_id).digest for name, collection in self.collections.items()}
 
-    def attributes(self, artifact: str) -> Mapping[str, Any]:
-        """Read the attributes of an artifact."""
-        return self.collections[artifact].first.attributes
-
     def check_known(self, object_id: str) -> None:
         """Raise an `InvalidInput` if an object failed or does not exist."""
         if object_id not in self.object_ids:
-            failed = f", where it failed in {': '.join(self.failures[object_id])}" if object_id in self.failures else ""
+            failure = self.failures.get(object_id)
+            failed = f", where it failed in {failure.stage}: {failure.reason}" if failure else ""
             raise InvalidInput(f"{object_id} is not a usable object of {self.directory.root}{failed}; it has {abbreviate(self.object_ids)}")
 
     @property
@@ -71,10 +52,6 @@ class CompletedObjects:
     def hand(self) -> Hand:
         """Load the hand that grasped."""
         return grasping_hand({name: self.attributes(name) for name in self.collections})
-
-    def sensors(self) -> tuple[Sensor, ...]:
-        """List the sensor of each finger."""
-        return touch_sensors(self.attributes("touch"))
 
     def scene(self) -> Scene:
         """Read the scene that the images show; load the supplement's for a dataset without images."""

@@ -1,7 +1,6 @@
 """An artifact as an xarray dataset, with labels of objects, sensors, joints and grasps."""
 
 import json
-from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
@@ -36,8 +35,9 @@ def open_artifact(data: str | Location, artifact: str) -> xarray.Dataset:
     opened = shards[0]
     if len(shards) > 1:
         lazy = [shard.assign({name: _lazy(array.variable) for name, array in shard.data_vars.items()}) for shard in shards]
-        template, opened_shards = lazy[first_index], zip(collection.shards, lazy, strict=True)
-        opened = _join(dataset if shard.has_rows else _zeros(dataset, template) for shard, dataset in opened_shards)
+        filled = [d if shard.has_rows else _zeros(d, lazy[first_index]) for shard, d in zip(collection.shards, lazy, strict=True)]
+        opened = xarray.concat(filled, "object", data_vars="minimal", coords="minimal", compat="override")
+        opened = opened.assign_coords({name: label.compute() for name, label in opened.coords.items()}).sortby("object")
     for variable in opened.variables.values():
         variable.encoding = {name: value for name, value in variable.encoding.items() if name not in ("chunks", "shards")}  # of its files
     attributes = dict(shards[0].attrs)
@@ -47,12 +47,6 @@ def open_artifact(data: str | Location, artifact: str) -> xarray.Dataset:
         attributes["missing"] = list(collection.missing)
     plain = {name: value if type(value) in (str, int, float) else json.dumps(value) for name, value in attributes.items()}
     return opened.assign_attrs(plain)
-
-
-def _join(shards: Iterable[xarray.Dataset]) -> xarray.Dataset:
-    """Concatenate shards along `object`, in the order of its names."""
-    joined: xarray.Dataset = xarray.concat(shards, "object", data_vars="minimal", coords="minimal", compat="override")
-    return joined.assign_coords({name: label.compute() for name, label in joined.coords.items()}).sortby("object")
 
 
 def _lazy(array: xarray.Variable) -> xarray.Variable:

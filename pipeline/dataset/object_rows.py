@@ -2,11 +2,10 @@
 
 import shlex
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, TypeAdapter, ValidationError
@@ -15,7 +14,6 @@ from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.geometry.mesh_cleaning import bounding_diagonal
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location, as_location, on_disk
 from pipeline.store.validate import check_origins
@@ -36,13 +34,69 @@ DIFFERENCE = "difference"
 DERIVED = {**dict.fromkeys(POINTS, ("depth", "sensor_pose")), DIFFERENCE: ("tactile_image", "untouched")}
 """Arrays that are derived on reading, and the stored arrays that they need."""
 
-Described = TypeVar("Described")
-
 _SENSORS = TypeAdapter(Annotated[tuple[Sensor, ...], Field(min_length=1)])
 
 
-class ObjectRows:
-    """The objects of a split that failed in none of the artifacts that are read, in id order. Memory does not grow with the dataset."""
+class UsableObjects:
+    """The objects of a split that failed in none of the artifacts that are read, in id order."""
+
+    def __init__(
+        self,
+        data: str | Location,  # a data directory
+        artifacts: Iterable[Artifact],
+        split: str | None,  # train, valid or test; None for all objects
+        optional: Sequence[Artifact] = (),  # read if they have been made
+    ) -> None:
+        self.data, self.split = as_location(data), split
+        if (folder := on_disk(self.data)) and not folder.is_dir():
+            raise StoreError(
+                f"folder {self.data.resolve()} does not exist; give a data directory, which `vt-pipeline run` or `make dataset` makes"
+            )
+        self.directory = DataDirectory(self.data)
+        opened = [self.directory.collection(artifact) for artifact in artifacts]
+        opened += [collection for collection in map(self.directory.collection, optional) if collection.shards]
+        self.collections = {collection.artifact.name: collection for collection in opened}
+        for collection in opened:
+            collection.first  # noqa: B018 (an error where it has not been made)
+        check_origins(self.directory, self.collections)
+        first = opened[0]
+        members = [*(name for name in first if split in (None, first.row(name).split)), *first.missing]
+        # why an object failed in an artifact that is read, or that an incomplete one lacks it
+        self.failures = {name: failure for name in members for collection in opened if (failure := collection.failure(name))}
+        self.object_ids = [name for name in members if name not in self.failures]
+        if not self.object_ids:
+            status = f"see `vt-pipeline status {shlex.quote(str(self.data))}`"
+            failed = f"; {len(self.failures)} have failed or are not made yet, {status}" if self.failures else ""
+            where = "" if split is None else f" in split {split}"
+            splits = ", ".join(sorted({first.row(name).split for name in first}))
+            remedy = "" if split is None or failed else f", but in {splits}; the manifest's `splits` define their numbers"
+            raise StoreError(f"{self.data.resolve()} has no usable object{where}{failed}{remedy}")
+
+    def __len__(self) -> int:
+        return len(self.object_ids)
+
+    def attributes(self, artifact: str) -> Mapping[str, Any]:
+        """Read the attributes of an artifact's root, such as `sensors` of `touch`."""
+        return self.collections[artifact].first.attributes
+
+    def sensors(self) -> tuple[Sensor, ...]:
+        """Read the sensor of each finger; raise a `StoreError` if `touch` describes none."""
+        try:
+            return touch_sensors(self.attributes("touch"))
+        except ValidationError as error:
+            shard = self.collections["touch"].first
+            raise StoreError(f"{shard.path}: its sensor cannot be used ({invalid_entries(error)}); {shard.remedy}") from error
+
+    def sensor(self) -> Sensor:
+        """Read the sensor of all tactile images; raise a `StoreError` if `touch` describes none, or the fingers wear different ones."""
+        try:
+            return common_sensor(self.sensors())
+        except InvalidInput as error:
+            raise StoreError(f"{self.data.resolve()}: {error}") from error
+
+
+class ObjectRows(UsableObjects):
+    """The arrays of a split's objects that failed in none of the artifacts that are read. Memory does not grow with the dataset."""
 
     def __init__(
         self,
@@ -52,68 +106,21 @@ class ObjectRows:
         *,
         cache_megabytes: float = CACHE_MEGABYTES,  # limit of the cache of arrays
     ) -> None:
-        self.data, self.arrays, self.split = as_location(data), tuple(arrays), split
-        if (folder := on_disk(self.data)) and not folder.is_dir():
-            raise StoreError(
-                f"folder {self.data.resolve()} does not exist; give a data directory, which `vt-pipeline run` or `make dataset` makes"
-            )
-        self._directory = directory = DataDirectory(self.data)
-        self._artifact_of = {name: _find_artifact(name) for name in self._needed()}
-        self._collections = {artifact.name: directory.collection(artifact) for artifact in self._artifact_of.values()}
-        for collection in self._collections.values():
-            self._refuse_unmade(collection)
-        check_origins(directory, self._collections)
-        self._cache, self._diagonals = _Cache(int(cache_megabytes * 1e6)), dict[str, float]()
-        first = next(iter(self._collections.values()))
-        members = [*(name for name in first if split in (None, first.row(name).split)), *first.missing]
-        artifacts = self._collections.values()
-        failures = {name: failure for name in members for artifact in artifacts if (failure := artifact.failure(name))}
-        # objects that failed in an artifact that is read, with stage and reason, or that an incomplete one lacks
-        self.failed = {name: f"{failure.stage}: {failure.reason}" for name, failure in failures.items()}
-        self.object_ids = [name for name in members if name not in failures]
-        self.categories = [first.row(name).category for name in self.object_ids]
-        if not self.object_ids:
-            status = f"see `vt-pipeline status {shlex.quote(str(self.data))}`"
-            failed = f"; {len(failures)} have failed or are not made yet, {status}" if failures else ""
-            where = "" if split is None else f" in split {split}"
-            splits = ", ".join(sorted({first.row(name).split for name in first}))
-            remedy = "" if split is None or failed else f", but in {splits}; the manifest's `splits` define their numbers"
-            raise StoreError(f"{self.data.resolve()} has no usable object{where}{failed}{remedy}")
-
-    def __len__(self) -> int:
-        return len(self.object_ids)
-
-    def _needed(self) -> list[str]:
-        """List the arrays to read: the requested ones, and those that derived ones are computed from."""
-        sources = (source for name in self.arrays for source in DERIVED.get(name, ()))
-        return list(dict.fromkeys([*(name for name in self.arrays if name != DIFFERENCE), *sources]))
-
-    def _refuse_unmade(self, collection: Collection) -> None:
-        shard = collection.first
-        for name, artifact in self._artifact_of.items():
-            if artifact is collection.artifact and name not in DERIVED and not shard.has(name):
-                raise StoreError(f"{shard.path} has no array {name}; enable it in the settings of its stage and run again")
-
-    def attributes(self, artifact: str) -> Mapping[str, Any]:
-        """Read the attributes of an artifact's root, such as `sensors` of `touch`."""
-        return self._collections[artifact].first.attributes
-
-    def sensor(self) -> Sensor:
-        """Read the sensor of all tactile images; raise a `StoreError` if `touch` describes none, or the fingers wear different ones."""
-        return self._described(touch_sensor)
-
-    def sensors(self) -> tuple[Sensor, ...]:
-        """Read the sensor of each finger; raise a `StoreError` if `touch` describes none."""
-        return self._described(touch_sensors)
-
-    def _described(self, read: Callable[[Mapping[str, Any]], Described]) -> Described:
+        sources = [source for name in arrays for source in DERIVED.get(name, ())]
         try:
-            return read(self.attributes("touch"))
-        except InvalidInput as error:
-            raise StoreError(f"{self.data.resolve()}: {error}") from error
-        except ValidationError as error:
-            shard = self._collections["touch"].first
-            raise StoreError(f"{shard.path}: its sensor cannot be used ({invalid_entries(error)}); {shard.remedy}") from error
+            self._artifact_of = {name: artifact_of(name) for name in (*arrays, *sources) if name != DIFFERENCE}
+        except KeyError as error:
+            raise StoreError(error.args[0]) from None
+        super().__init__(data, {artifact.name: artifact for artifact in self._artifact_of.values()}.values(), split)
+        for name, artifact in self._artifact_of.items():
+            shard = self.collections[artifact.name].first
+            if name not in DERIVED and not shard.has(name):
+                raise StoreError(f"{shard.path} has no array {name}; enable it in the settings of its stage and run again")
+        self.arrays = tuple(arrays)
+        self.failed = {name: f"{failure.stage}: {failure.reason}" for name, failure in self.failures.items()}
+        first = next(iter(self.collections.values()))
+        self.categories = [first.row(name).category for name in self.object_ids]
+        self._cache, self._diagonals = _Cache(int(cache_megabytes * 1e6)), dict[str, float]()
 
     def dims(self, array: str) -> tuple[str, ...]:
         """Return the dimensions of an array, by name."""
@@ -123,16 +130,13 @@ class ObjectRows:
     def size(self, array: str, dim: str) -> int:
         """Return the size of an array along one of its dimensions, the same in every object."""
         position = self.dims(array).index(dim)
-        return int(self._collections[self._artifact_of[array].name].first.array(array).shape[position])
-
-    @cached_property
-    def _surfaces(self) -> Collection:
-        return self._directory.collection(SURFACES)
+        return int(self.collections[self._artifact_of[array].name].first.array(array).shape[position])
 
     def diagonal(self, object_id: str) -> float:
         """Compute the diagonal of an object's bounding box, m, of the mesh in `surfaces`."""
         if object_id not in self._diagonals:
-            self._diagonals[object_id] = bounding_diagonal(self._surfaces.view(object_id)["meshes/vertices"])
+            surface = self.directory.collection(SURFACES).view(object_id)
+            self._diagonals[object_id] = bounding_diagonal(surface["meshes/vertices"])
         return self._diagonals[object_id]
 
     def read(
@@ -151,7 +155,7 @@ class ObjectRows:
         if array not in self._artifact_of:
             raise StoreError(f"array {array} was not opened, only {', '.join(self._artifact_of)}; name it when the rows are opened")
         artifact = self._artifact_of[array]
-        shard = self._collections[artifact.name].shard(object_id)
+        shard = self.collections[artifact.name].shard(object_id)
         if array in DERIVED and not shard.has(array):
             return self._derive(array, object_id, grasp)
         dims = artifact.arrays[array].dims
@@ -213,13 +217,6 @@ class _Cache:
         return array
 
 
-def _find_artifact(array: str) -> Artifact:
-    try:
-        return artifact_of(array)
-    except KeyError as error:
-        raise StoreError(error.args[0]) from None
-
-
 def paired_rows(first: Path, second: Path, *arrays: str) -> Iterator[tuple[str, list[np.ndarray], list[np.ndarray]]]:
     """Yield the id of each object that failed in neither of two data directories, and its named arrays from each."""
     ours, theirs = (ObjectRows(data, arrays, split=None) for data in (first, second))
@@ -235,7 +232,12 @@ def touch_sensors(attributes: Mapping[str, Any]) -> tuple[Sensor, ...]:
 
 def touch_sensor(attributes: Mapping[str, Any]) -> Sensor:
     """Read the sensor that all fingers wear; raise an `InvalidInput` if they wear different ones; other errors as `touch_sensors`."""
-    first, *others = touch_sensors(attributes)
+    return common_sensor(touch_sensors(attributes))
+
+
+def common_sensor(sensors: Sequence[Sensor]) -> Sensor:
+    """Return the sensor that all fingers wear; raise an `InvalidInput` if they wear different ones."""
+    first, *others = sensors
     if different := {sensor.name for sensor in others if sensor != first}:
         raise InvalidInput(
             f"the fingers wear different sensors ({', '.join(sorted(different | {first.name}))}); training on touches needs "

@@ -11,10 +11,8 @@ from distributed import CancelledError, Client, Future, KilledWorker, Security, 
 from distributed.comm import parse_address, parse_host_port
 from distributed.comm.registry import get_backend
 
-from pipeline.engine.executor import Executor
-from pipeline.engine.session import Work, record_crash
-from pipeline.engine.unit import Unit
-from pipeline.engine.worker import crash_reason, opening_error, pack, process_unit
+from pipeline.engine.executor import Executor, Work, opening_error, pack, process_unit, record_crash
+from pipeline.engine.stage import Unit
 from pipeline.errors import StageError
 from pipeline.store.rows import Result
 
@@ -30,7 +28,7 @@ class Dask(Executor):
     """The workers of a running scheduler, which see the same files; they may come and go, and go on afterwards."""
 
     def __init__(self, scheduler: str) -> None:
-        self._scheduler = scheduler
+        self.scheduler = scheduler
 
     @property
     def processes(self) -> int:
@@ -39,7 +37,22 @@ class Dask(Executor):
 
     @cached_property
     def _client(self) -> Client:
-        return _client_of(self._scheduler)
+        """The connection to the scheduler, which must have workers."""
+        try:
+            protocol, address = parse_address(self.scheduler)
+            get_backend(protocol)
+            parse_host_port(address)
+            if protocol == "tls" and not Security().get_connection_args("client").get("ssl_context"):
+                raise StageError(
+                    f"{self.scheduler} asks for certificates, and Dask's configuration names none; see docs/guide/speed-and-accuracy.md"
+                )
+            client = Client(self.scheduler, set_as_default=False, timeout=CONNECT_SECONDS)
+            client.wait_for_workers(1, timeout=JOIN_SECONDS)
+        except (OSError, ValueError) as error:
+            raise StageError(f"there is no Dask scheduler with workers at {self.scheduler}: {error}; start both first") from error
+        if any(threads > 1 for threads in client.nthreads().values()):
+            raise StageError(f"workers of {self.scheduler} have several threads; start them with --nthreads 1, and more of them")
+        return client
 
     def run(self, work: Work, units: Sequence[Unit]) -> Iterator[Result]:
         """Process units, one at a time per worker. An object whose workers die has failed: the scheduler has tried several."""
@@ -65,7 +78,7 @@ class Dask(Executor):
                 try:
                     result = future.result()
                 except KilledWorker:
-                    result = record_crash(work, unit, crash_reason(limit, time.monotonic() - began >= limit))
+                    result = record_crash(work, unit, timed_out=time.monotonic() - began >= limit)
                 yield result
 
     def _workers(self) -> int:
@@ -77,26 +90,6 @@ class Dask(Executor):
         except OSError as error:
             raise StageError(f"Dask's scheduler or its workers are gone ({error}); what is finished is kept, run again") from error
 
-    def close(self, *, at_once: bool) -> None:
-        """Disconnect."""
+    def __exit__(self, *_: object) -> None:
         if client := self.__dict__.pop("_client", None):
             client.close()
-
-
-def _client_of(scheduler: str) -> Client:
-    """Connect to a scheduler that has workers."""
-    try:
-        protocol, address = parse_address(scheduler)
-        get_backend(protocol)
-        parse_host_port(address)
-        if protocol == "tls" and not Security().get_connection_args("client").get("ssl_context"):
-            raise StageError(
-                f"{scheduler} asks for certificates, and Dask's configuration names none; see docs/guide/speed-and-accuracy.md"
-            )
-        client = Client(scheduler, set_as_default=False, timeout=CONNECT_SECONDS)
-        client.wait_for_workers(1, timeout=JOIN_SECONDS)
-    except (OSError, ValueError) as error:
-        raise StageError(f"there is no Dask scheduler with workers at {scheduler}: {error}; start both first") from error
-    if any(threads > 1 for threads in client.nthreads().values()):
-        raise StageError(f"workers of {scheduler} have several threads; start them with --nthreads 1, and more of them")
-    return client

@@ -2,24 +2,24 @@
 
 import ast
 import hashlib
-import json
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Iterable
 from functools import cache
 from importlib import util
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from pipeline.config.sources import fingerprint, modelled
+from pipeline.formats.file_cache import FileCache
 from pipeline.store import digest
-from pipeline.store.atomic import write_atomically
-from pipeline.store.rows import Row
 from pipeline.store.storage import read_bytes
 
 OURS = ("pipeline", "stages", "schemas")
 
 NO_RESULTS = ("pipeline.cli", "pipeline.console", "pipeline.engine", "pipeline.errors", "pipeline.plugins", "pipeline.store")
 """Layers that no result depends on. Every other layer counts, also a new one."""
+
+PARSED = Path(util.cache_from_source(__file__)).with_name("sources.json")
+"""What parsed source files are kept in, beside the compiled ones."""
 
 RANDOM_STREAMS = "pipeline.rng"
 """A module that every key depends on: a stage need not import it, because units bring their random generators (`Unit.rng`)."""
@@ -37,68 +37,33 @@ def sources_hash(module: str) -> str:
     `RANDOM_STREAMS` is hashed too. Nothing is imported for it.
     """
     packages = frozenset({*OURS, module.partition(".")[0]})
-    if (origin := _file_of(module, packages)) is None:
+    if _file_of(module, packages) is None:
         raise ModuleNotFoundError(f"there is no module {module} to hash")
-    parsed, sources = _ParsedFiles(), {module: origin}
-    waiting = [RANDOM_STREAMS, *parsed.file(module, origin).imports]
+    parsed_files = FileCache(PARSED, [Path(__file__)], limit=10_000)
+
+    def parse(name: str, path: Path) -> tuple[str, list[str]]:
+        package = name if path.stem == "__init__" else name.rpartition(".")[0]
+        parsed: tuple[str, list[str]] | None = parsed_files.find(f"{package} {path}")
+        if parsed is None:
+            parsed = _parse(package, path)
+            parsed_files.keep(f"{package} {path}", parsed, [path])
+        return parsed
+
+    hashes: dict[str, str] = {}
+    waiting = [module, RANDOM_STREAMS]
     while waiting:
         name = waiting.pop()
         path = _file_of(name, packages)
-        if name in sources or path is None or any(name == layer or name.startswith(f"{layer}.") for layer in NO_RESULTS):
-            continue
-        sources[name] = path
-        waiting += parsed.file(name, path).imports
-    for package in list(sources):
+        no_result = name != module and any(name == layer or name.startswith(f"{layer}.") for layer in NO_RESULTS)
+        if path and name not in hashes and not no_result:
+            hashes[name], imports = parse(name, path)
+            waiting += imports
+    for package in list(hashes):
         while package := package.rpartition(".")[0]:  # it runs too; what it imports decides for others
-            if package not in sources and (path := _file_of(package, packages)):
-                sources[package] = path
-    hashes = sorted((name, parsed.file(name, path).sha256) for name, path in sources.items())
-    parsed.save()
-    return digest.of_json(hashes)
-
-
-class _Parsed(NamedTuple):
-    """A source file: its hash, and the modules of ours or its own package that it may import."""
-
-    stamp: list[int]
-    sha256: str
-    imports: list[str]
-
-
-class _ParsedFiles:
-    """Parsed source files, kept beside the compiled ones: parsing takes a second. A file that was written since is parsed again."""
-
-    def __init__(self) -> None:
-        self._path, self._maker, self._changed = (
-            Path(util.cache_from_source(__file__)).with_name("sources.json"),
-            _stamp(Path(__file__)),
-            False,
-        )
-        try:
-            kept = json.loads(self._path.read_bytes())
-            self._files = {name: _Parsed(*file) for name, file in kept["files"].items()} if kept["maker"] == self._maker else {}
-        except (OSError, ValueError, KeyError, TypeError):
-            self._files = {}
-
-    def file(self, module: str, path: Path) -> _Parsed:
-        """Parse a module's file, unless it is known."""
-        package = module if path.stem == "__init__" else module.rpartition(".")[0]
-        name, stamp = f"{package} {path}", _stamp(path)
-        if name not in self._files or self._files[name].stamp != stamp:
-            self._files[name], self._changed = _Parsed(stamp, *_parse(package, path)), True
-        return self._files[name]
-
-    def save(self) -> None:
-        """Keep what was parsed, if the folder can be written to."""
-        if self._changed:
-            with suppress(OSError):
-                write_atomically(self._path, json.dumps({"maker": self._maker, "files": self._files}).encode(), durable=False)
-
-
-def _stamp(path: Path) -> list[int]:
-    """Return what changes whenever a file is written or replaced."""
-    status = path.stat()
-    return [status.st_mtime_ns, status.st_ctime_ns, status.st_ino, status.st_size]
+            if package not in hashes and (path := _file_of(package, packages)):
+                hashes[package], _ = parse(package, path)
+    parsed_files.save()
+    return digest.of_json(sorted(hashes.items()))
 
 
 def _parse(package: str, path: Path) -> tuple[str, list[str]]:
@@ -106,7 +71,14 @@ def _parse(package: str, path: Path) -> tuple[str, list[str]]:
     if path.suffix != ".py":  # compiled
         return hashlib.sha256(path.read_bytes()).hexdigest(), []
     tree, tops = ast.parse(path.read_bytes()), {*OURS, package.partition(".")[0]}
-    imports = dict.fromkeys(name for name in _imports(tree, package) if name.partition(".")[0] in tops)
+    names: list[str] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            module = util.resolve_name("." * node.level + (node.module or ""), package)
+            names += [module, *(f"{module}.{alias.name}" for alias in node.names)]
+    imports = dict.fromkeys(name for name in names if name.partition(".")[0] in tops)
     return hashlib.sha256(syntax(tree).encode()).hexdigest(), list(imports)
 
 
@@ -116,18 +88,6 @@ def syntax(node: object) -> str:
         fields = (f" {name}={syntax(value)}" for name, value in ast.iter_fields(node) if value is not None and value != [])
         return f"({type(node).__name__}{''.join(fields)})"
     return f"[{' '.join(map(syntax, node))}]" if isinstance(node, list) else repr(node)
-
-
-def _imports(tree: ast.Module, package: str) -> Iterable[str]:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield alias.name
-        elif isinstance(node, ast.ImportFrom):
-            module = util.resolve_name("." * node.level + (node.module or ""), package)
-            yield module
-            for alias in node.names:
-                yield f"{module}.{alias.name}"
 
 
 @cache
@@ -155,22 +115,3 @@ def source_key(source: dict[str, Any]) -> dict[str, Any]:
     """Describe an object's source for its key: by the content of its files, or the code that models it."""
     code = {"code": sources_hash(modelled(source).module(source))} if "kind" in source else {}
     return {**fingerprint(source), **code}
-
-
-def object_key(stage_key: str, object_id: str, category: str, inputs: Any) -> str:
-    """Compute the key of one object's row: from its stage's key, the object, and its inputs (a source's key, or rows' digests)."""
-    return digest.of_json({"stage": stage_key, "object": object_id, "category": category, "inputs": inputs})
-
-
-def shard_key(
-    rows: Iterable[tuple[str, str]],  # key and split of each
-    number: int,
-    shards: int,
-    manifest: str,
-    missing: Sequence[str],  # objects that the shard lacks
-    labels: Row | None,  # of dimensions, from its inputs
-) -> str:
-    """Compute the key of a shard from its rows and what else its group holds."""
-    lacks = {"missing": list(missing)} if missing else {}
-    labelled = {"labels": digest.of_arrays(labels)} if labels else {}
-    return digest.of_json({"rows": list(rows), "shard": [number, shards], "manifest": manifest, **lacks, **labelled})

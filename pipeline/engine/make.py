@@ -32,12 +32,12 @@ def make(
     return answers
 
 
-def plans(request: Request[Any], shard: int | None = None) -> Iterator[Plan[Any]]:
+def plans(request: Request[Any], shard: int | None = None) -> Iterator[Plan]:
     """Plan a stage, output by output."""
     return (plan.prepare() for plan in _outputs(request, shard))
 
 
-def _outputs(request: Request[Any], shard: int | None) -> Iterator[Plan[Any]]:
+def _outputs(request: Request[Any], shard: int | None) -> Iterator[Plan]:
     """List a stage's outputs: its shards, or only `shard` or that of the requested object; or the folder of a dataset stage.
 
     A `StoreError` says that the dataset is split into another number of shards, or that the requested object is in another one.

@@ -2,12 +2,12 @@
 
 import shutil
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 from rich.console import Console
 from rich.markup import escape
@@ -17,19 +17,15 @@ from pipeline.config.settings import Settings
 from pipeline.console import errors
 from pipeline.engine import keys
 from pipeline.engine.executor import Executor, Serial
-from pipeline.engine.stage import Stage
-from pipeline.engine.unit import Unit
-from pipeline.engine.versions import library_versions, processor
+from pipeline.engine.stage import Stage, Unit
 from pipeline.errors import InvalidInput, StageError, StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.atomic import exclusive_lock
 from pipeline.store.directory import DataDirectory
-from pipeline.store.publish import FolderOutput, ShardOutput
-from pipeline.store.record import Failure
+from pipeline.store.record import Failure, Provenance, library_versions, processor
 from pipeline.store.storage import NO_ROOM, Location, is_machine_fault, on_disk
 
 S = TypeVar("S", bound=Stage)
-Output = TypeVar("Output", bound=ShardOutput | FolderOutput)
 
 
 @dataclass(frozen=True)
@@ -68,35 +64,37 @@ class Made:
     failures: Mapping[str, Failure] = field(default_factory=dict)  # of objects in this stage
 
 
-class Plan(ABC, Generic[Output]):
+class Plan(ABC):
     """The plan of one output, from the current state of the data directory: `prepare` it, then `forecast` or `make`."""
 
+    record: Provenance | None  # what is published; None if nothing is, or it cannot be used
     schema: tuple[object, ...] = ()  # name and version of the output's schema, if it has one
 
     def __init__(
         self,
         request: Request[Any],
         directory: DataDirectory,
-        output: Output,
+        record_path: Location,
+        lock: Location,  # which a run holds while it makes the output
         objects: Sequence[Object],  # of the manifest, from which the output may be made
     ) -> None:
-        self.request, self.stage, self.settings, self.directory, self.output = request, request.stage, request.settings, directory, output
-        self.path: Location = output.path  # as messages name the output
-        self.objects = objects
+        self.request, self.stage, self.settings, self.directory = request, request.stage, request.settings, directory
+        self.record_path, self.lock, self.objects = record_path, lock, objects
+        self.path: Location = record_path.with_suffix("")  # as messages name the output
         self.units: list[Unit] = []  # the objects' rows that a shard will consist of, or one folder
         self.key, self.total = "", 0  # total: objects that the output is made from; of a folder, without failed ones
+        self.refresh()
 
-    def prepare(self) -> "Plan[Output]":
-        """Read the inputs; determine units and key. A `StoreError` says that an input is missing, or made from other inputs."""
+    @abstractmethod
+    def refresh(self) -> None:
+        """Read again what is published."""
+
+    def prepare(self) -> Self:
+        """Read the inputs; determine units, key and total. A `StoreError` says that an input is missing, or made from other inputs."""
         self.models = {name: self.directory.verified_folder(name) for name in self.stage.models(self.settings)}
         self.model_digests = {name: self.directory.folder(name).digest() for name in self.models}
         self.inputs = [self.directory.collection(artifact) for artifact in self.stage.inputs(self.settings)]
-        self._prepare()
         return self
-
-    @abstractmethod
-    def _prepare(self) -> None:
-        """Determine units, key and total."""
 
     @abstractmethod
     def up_to_date(self) -> bool:
@@ -114,9 +112,9 @@ class Plan(ABC, Generic[Output]):
     def intent(self, objects: int, cost: str) -> str:
         """Say what a run would do that has this number of objects to process."""
 
-    def remarks(self) -> Iterator[str]:
+    def remarks(self) -> Iterable[str]:
         """Report, before a run, what it would drop or what does not fit."""
-        yield from ()
+        return ()
 
     @abstractmethod
     def fill(self, console: Console) -> Made:
@@ -155,18 +153,17 @@ class Plan(ABC, Generic[Output]):
         self._warn_of_low_disk_space()
         for line in self.remarks():
             console.print(escape(line))
-        lock = self.output.lock
         try:
-            with exclusive_lock(lock, self.path):
-                self.output.refresh()  # the previous holder of the lock may have made it
+            with exclusive_lock(self.lock, self.path):
+                self.refresh()  # the previous holder of the lock may have made it
                 return self.current() if self.up_to_date() else self.fill(console)
         except StoreError:
-            self.output.refresh()
+            self.refresh()
             if not self.up_to_date():
                 raise
             return self.current()  # another run, on another machine, has made the same meanwhile
         except Exception as error:
-            locked_out = isinstance(error, PermissionError) and error.filename and Path(error.filename) in (lock, *lock.parents)
+            locked_out = isinstance(error, PermissionError) and error.filename and Path(error.filename) in (self.lock, *self.lock.parents)
             if not is_machine_fault(error) and not locked_out:
                 raise
             if isinstance(error, OSError):

@@ -3,20 +3,40 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
 from rich.console import Console
 
 from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
-from pipeline.engine.unit import Unit
+from pipeline.rng import numpy_rng
+from pipeline.store.record import Failure
 from pipeline.store.rows import Row
 from pipeline.store.shard import RowView, Shard
 from pipeline.store.storage import Location
 from schemas.base import Artifact
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit of work: an object's row, or a folder."""
+
+    name: str  # the object's id, or the folder's name
+    key: str = ""  # hash of everything that it depends on
+    inputs: dict[str, str] = field(default_factory=dict)  # digests of its inputs, by artifact
+    seed: int = 0  # the root seed
+    category: str = ""  # of an object, as in the manifest; so are `split` and `source`
+    split: str = ""
+    source: Mapping[str, Any] = field(default_factory=dict)
+    failure: Failure | None = None  # why it cannot be processed: an input failed, or its file cannot be read
+
+    def rng(self, *identity: str | int) -> np.random.Generator:
+        """Make a random generator for this object and the given names (stage, attempt, …)."""
+        return numpy_rng(self.seed, self.name, *identity)
 
 
 @dataclass(frozen=True)
@@ -171,3 +191,25 @@ class DatasetStage(Stage):
     @abstractmethod
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Fill the job's folder; return facts for its record (hardware, the best loss), as JSON."""
+
+
+Changes = Mapping[str, Any]
+"""Settings of a stage that differ from the user's, by name."""
+
+
+@dataclass(frozen=True)
+class Trade:
+    """The settings of a stage that are worth varying, and how their error is measured."""
+
+    metric: str  # what the error is
+    unit: str  # its unit: "mm", "um" (micrometres), "%" or another
+    # measured beside the user's own settings and those of the presets; each takes time: choose few
+    candidates: tuple[Changes, ...]
+    # (data, reference) -> error by object, `unit`: compares the output of a candidate with that of the reference; both are
+    # data directories, the same one where there is no reference
+    errors: Callable[[Path, Path], Mapping[str, float]]
+    # the finest settings, which others are compared with; None where the truth is known or nothing is compared
+    reference: Changes | None = None
+    # data -> number of trials per object of which the error is a share; None if it is no share
+    trials: Callable[[Path], int] | None = None
+    evaluated_by: str | None = None  # a stage to run on the output before errors can be read

@@ -14,13 +14,14 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
-from pipeline.engine.executor import Executor
-from pipeline.engine.session import Work, record_crash
-from pipeline.engine.unit import Unit
-from pipeline.engine.worker import TRIES, close_session, crash_reason, opening_error, pack, process_unit
+from pipeline.engine.executor import Executor, Work, close_session, opening_error, pack, process_unit, record_crash
+from pipeline.engine.stage import Unit
 from pipeline.errors import StageError
 from pipeline.store.rows import Result
 from pipeline.store.temporary import environment, temporary_folder
+
+TRIES = 2
+"""Attempts per object: a process that dies may have been killed from outside; if it dies again, the object has failed."""
 
 CLOSE_SECONDS = 10.0
 """Time limit for a worker to close its session."""
@@ -73,7 +74,8 @@ class WorkerProcesses(Executor):
                         if unit is None and deaths[name] == TRIES:
                             raise opening_error(work.stage.name) from None
                         if unit and deaths[name] == TRIES:
-                            result = record_crash(work, unit, crash_reason(limit, worker.exit_code() == -signal.SIGALRM))
+                            worker.process.join()
+                            result = record_crash(work, unit, timed_out=worker.process.exitcode == -signal.SIGALRM)
                         elif unit:
                             waiting.append(unit)
                         if waiting:
@@ -107,13 +109,13 @@ class WorkerProcesses(Executor):
             worker.kill()
         self._busy = []
 
-    def close(self, *, at_once: bool) -> None:
-        """End the workers; their sessions are closed first, unless `at_once`."""
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """End the workers; their sessions are closed first, unless there was an error."""
         self._end_busy()
         for worker in self._idle:
             worker.connection.close()
         for worker in self._idle:
-            worker.process.join(0 if at_once else CLOSE_SECONDS)
+            worker.process.join(0 if kind else CLOSE_SECONDS)
             worker.kill()
         self._idle = []
         self._resources.close()
@@ -154,11 +156,6 @@ class _Worker:
             raise error
         return result
 
-    def exit_code(self) -> int | None:
-        """Wait for the end of the process; return its exit code, the negative number of the signal that ended it."""
-        self.process.join()
-        return self.process.exitcode
-
     def kill(self) -> None:
         """End the process at once."""
         self.process.kill()
@@ -168,7 +165,7 @@ class _Worker:
 
 def _serve(connection: Connection) -> None:
     """Process what the parent sends until it closes the connection."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=end_with_parent, daemon=True).start()
     with suppress(EOFError, ConnectionError):
         while True:
             reply: tuple[Any, Exception | None]
@@ -184,7 +181,7 @@ def _serve(connection: Connection) -> None:
     os._exit(0)  # an orderly exit of the interpreter takes half a second
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
     """End this process when its parent was killed, even in the middle of a unit."""
     parent = multiprocessing.parent_process()
     assert parent

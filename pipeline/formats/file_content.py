@@ -146,8 +146,13 @@ def without_mark(path: object, content: bytes) -> bytes:
 
 
 def parse_xml(content: bytes | str) -> Element:
-    """Parse XML whose prefixes need no declaration, and stay."""
+    """Parse XML whose prefixes need no declaration, and stay; refuse a document type, which may declare entities."""
+
+    def refuse_entities(*_: object) -> None:
+        raise InvalidInput("its XML declares a document type or entities; write out their content")
+
     tree, parser = TreeBuilder(), expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = refuse_entities
     parser.buffer_text = True
     parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = tree.start, tree.end, tree.data
     parser.Parse(content, True)

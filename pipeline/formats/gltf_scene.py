@@ -3,7 +3,7 @@
 By glTF 2.0, sections 3.5 and 3.7, and EXT_mesh_gpu_instancing.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.gltf import SURFACES, TRIANGLES, Document, Primitive, entries_of, foreign_extensions, one_line, table
 from pipeline.formats.gltf_look import Looks
 from pipeline.formats.mesh_companions import Companions
-from pipeline.formats.mesh_parts import check_mesh, mirrors, pose_matrix
+from pipeline.formats.mesh_parts import MAX_INSTANCES, check_count, check_mesh, mirrors, pose_matrix, posed
 from pipeline.formats.textures import Textures
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Look, Mesh
@@ -22,45 +22,23 @@ REST = {"TRANSLATION": (0.0, 0.0, 0.0), "ROTATION": (0.0, 0.0, 0.0, 1.0), "SCALE
 """The parts of the pose of a node or an instance, each with its default."""
 
 
-def read_gltf(companions: Companions, textures: Textures) -> list[Mesh]:
+def read_gltf(file: Companions, textures: Textures) -> Iterator[Mesh]:
     """Read the surfaces of the scene that a glTF file shows, each in its pose, m, y up; list what is skipped as unread."""
-    document = Document(companions.file_name, companions.content, lambda uri: companions[uri] if uri in companions.paths else None)
-    companions.unread += [f"its extension {name} is not read" for name in foreign_extensions(document.tree, "extensionsUsed")]
-    nodes = _Nodes(document, Looks(document, textures), companions.unread)
-    meshes: list[Mesh] = []
-    faces = vertices = 0
+    document = Document(file.file_name, file.content, file.get)
+    file.unread += [f"its extension {name} is not read" for name in foreign_extensions(document.tree, "extensionsUsed")]
+    nodes = _Nodes(document, Looks(document, textures), file.unread)
     for number in nodes.shown:
         poses, skin = nodes.poses(number), nodes.skin(number)
-        for part in nodes.parts(number):
-            faces, vertices = faces + len(poses) * len(part.primitive.faces), vertices + len(poses) * len(part.points)
-            check_mesh(faces, vertices)
-            if len(part.primitive.faces) and len(poses):
-                meshes.append(_placed(part, poses, skin))
-    return meshes
-
-
-@dataclass(frozen=True)
-class _Part:
-    """A primitive with its points (V, 3) before any pose, and its look."""
-
-    primitive: Primitive
-    points: Array
-    look: Look
-
-
-def _placed(part: _Part, poses: Array, skin: Array | None) -> Mesh:
-    """Copy a part into each of its poses (I, 4, 4), deformed by the matrices (J, 4, 4) of its skin."""
-    points, faces, look = part.points, part.primitive.faces, part.look
-    if skin is not None:
-        points = _deform(points, part.primitive, skin)
-        faces = faces[:, ::-1] if mirrors(skin).all() else faces
-    faces = faces + len(points) * np.arange(len(poses))[:, None, None]  # (I, F, 3)
-    faces = np.where(mirrors(poses)[:, None, None], faces[..., ::-1], faces)
-    if len(poses) > 1:
-        colors = None if look.vertex_color is None else np.tile(look.vertex_color, (len(poses), 1))
-        uv, material = np.tile(look.uv, (len(poses), 1)), np.tile(look.face_material, len(poses))
-        look = replace(look, uv=uv, face_material=material, vertex_color=colors)
-    return Mesh(transform_points(poses, points).reshape(-1, 3), faces.reshape(-1, 3).astype(np.int32), look)
+        for primitive, points, look in nodes.parts(number):
+            check_count("instances of a mesh", len(poses), MAX_INSTANCES, "merge them")
+            check_mesh(len(poses) * len(primitive.faces), len(poses) * len(points))
+            faces = primitive.faces
+            if skin is not None:
+                points = _deform(points, primitive, skin)
+                faces = faces[:, ::-1] if mirrors(skin).all() else faces
+            for pose in poses:
+                vertices, turned = posed(pose, points, faces)
+                yield Mesh(vertices, turned.astype(np.int32), look)
 
 
 def _deform(points: Array, primitive: Primitive, skin: Array) -> Array:
@@ -86,7 +64,7 @@ class _Nodes:
 
     def __init__(self, document: Document, looks: Looks, unread: list[str]) -> None:
         self._document, self._looks, self._unread, tree = document, looks, unread, document.tree
-        self._parts: dict[tuple[int, bytes], list[_Part]] = {}
+        self._parts: dict[tuple[int, bytes], list[tuple[Primitive, Array, Look]]] = {}
         if not entries_of(tree, "nodes"):  # a library of meshes
             tree["nodes"] = [{"mesh": number} for number in range(len(entries_of(tree, "meshes")))]
         self._nodes = [document.entry("nodes", number) for number in range(len(tree["nodes"]))]
@@ -99,8 +77,8 @@ class _Nodes:
         if lost := sum("mesh" in self._nodes[number] for number in hidden):
             unread.append(f"{lost} of its nodes with a mesh are skipped: they are hidden, or not in the scene that it shows")
 
-    def parts(self, number: int) -> list[_Part]:
-        """Read the surfaces of a node's mesh, once for all nodes that have it."""
+    def parts(self, number: int) -> list[tuple[Primitive, Array, Look]]:
+        """Read the surfaces of a node's mesh, once for all nodes that have it: their points (V, 3) before any pose, and looks."""
         node = self._nodes[number]
         if "mesh" not in node:
             return []
@@ -113,7 +91,7 @@ class _Nodes:
             if len(surfaces) < len(entries):
                 self._unread.append(f"points and lines of mesh {one_line(mesh.get('name', node['mesh']))} are not read")
             primitives = [Primitive(self._document, entry, weights) for entry in surfaces]
-            self._parts[key] = [_Part(part, part.read("POSITION", 3), self._looks.look(part)) for part in primitives]
+            self._parts[key] = [(part, part.read("POSITION", 3), self._looks.look(part)) for part in primitives]
         return self._parts[key]
 
     def poses(self, number: int) -> Array:

@@ -2,14 +2,14 @@
 
 import hashlib
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from itertools import chain
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field, model_validator
 
 from pipeline.entries import Entries
 from pipeline.errors import InvalidInput, missing_name
@@ -21,13 +21,13 @@ from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.convex_shapes import with_convex_shapes
-from pipeline.kernels.hand.model import Finger, Hand, Joint, Mount
+from pipeline.kernels.hand.model import Finger, Hand, Mount
 from pipeline.kernels.hand.self_collision import overlapping_neighbours
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
+Direction = Annotated[Vector, AfterValidator(lambda vector: _not_zero(vector))]
 Label = Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{1,60}$")]  # a name of an array's entry, and of exported files
-Value = TypeVar("Value")
 MAX_SKEW = 1e-2
 """Cosine of the angle between a sensor's normal and columns from which it is no rounding: directions of three digits are read."""
 
@@ -37,10 +37,28 @@ class _SensorMount(Entries):
 
     link: str = Field(description="Link of the URDF; one that the finger's joints move.")
     origin: Vector = Field(description="Middle of the sensor plane, the base of the gel, on the link's surface, m.")
-    normal: Vector = Field(description="Out of the link, through the gel: the sensor's +z.")
-    columns: Vector = Field(description="Along the columns of the image, across the normal: the sensor's +x.")
+    normal: Direction = Field(description="Out of the link, through the gel: the sensor's +z.")
+    columns: Direction = Field(description="Along the columns of the image, across the normal: the sensor's +x.")
     file: str | None = Field(None, description="A shipped sensor, or a path from the hand file; by default the hand's `sensor`.")
     name: Label | None = Field(None, description="Labels its images; by default the finger's name, numbered where it has several.")
+
+    @model_validator(mode="after")
+    def _is_perpendicular(self) -> "_SensorMount":
+        skew = float(_unit(self.columns) @ _unit(self.normal))
+        if abs(skew) > MAX_SKEW:
+            raise ValueError(f"normal {self.normal} and columns {self.columns} are {np.degrees(np.arccos(skew)):.1f}° apart; make it 90°")
+        return self
+
+    @property
+    def pose(self) -> Array:
+        """The sensor's frame (4, 4) in the link's."""
+        z, x = _unit(self.normal), _unit(self.columns)
+        x = x - (x @ z) * z  # they were rounded
+        x /= length(x)
+        pose = np.eye(4)
+        pose[:3, :3] = np.column_stack([x, np.cross(z, x), z])
+        pose[:3, 3] = self.origin
+        return pose
 
 
 class _FingerEntry(Entries):
@@ -63,7 +81,7 @@ class _PalmEntry(Entries):
     """The palm; points and directions are in its link's frame."""
 
     link: str = Field(description="Link of the URDF that the fingers grow from; an arm or a floating base above it is ignored.")
-    facing: Vector = Field(description="The palm's outward normal, towards where objects are grasped.")
+    facing: Direction = Field(description="The palm's outward normal, towards where objects are grasped.")
     centre: Vector = Field(
         description="The point that is set 5 to 60 mm from an object, m; for a hand with long fingers, a point between them."
     )
@@ -93,6 +111,35 @@ class HandFile(Entries):
         le=100,
         description="Friction coefficient of the hand against the object; while fingers close around the fixed object, half of it counts.",
     )
+
+    @property
+    def mounts(self) -> Iterator[tuple[_FingerEntry | None, str, _SensorMount]]:
+        """The sensors, finger by finger, then those on the palm, with their fingers and names."""
+        owners = [(entry, entry.name, entry.mounts) for entry in self.fingers]
+        for entry, owner, mounts in (*owners, (None, "palm", self.palm.sensors)):
+            for number, mount in enumerate(mounts, 1):
+                yield entry, mount.name or (owner if len(mounts) == 1 else f"{owner}-{number}"), mount
+
+    @model_validator(mode="after")
+    def _sensors_are_named(self) -> "HandFile":
+        names = [name for _, name, _ in self.mounts]
+        if not names:
+            raise ValueError("no finger has a sensor, nor has the palm; give one a sensor")
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise ValueError(f"two sensors are called {twice[0]}; give each a name")
+        if lost := [name for _, name, mount in self.mounts if not (mount.file or self.sensor)]:
+            raise ValueError(f"sensor {lost[0]!r} has no sensor file; name one as its `file`, or for all sensors as the hand's `sensor`")
+        return self
+
+
+def _not_zero(vector: Vector) -> Vector:
+    if not any(vector):
+        raise ValueError("it is the zero vector; give a direction")
+    return vector
+
+
+def _unit(vector: Vector) -> Array:
+    return np.array(vector, np.float64) / float(length(vector))
 
 
 def load_hand(
@@ -127,18 +174,25 @@ def _read(path: Path) -> Hand:
     if not os.path.isfile(urdf):
         raise InvalidInput(f"{path}: there is no urdf {file.urdf!r} ({urdf}); give a path relative to the hand file, or an absolute one")
     try:
-        return _with_allowed_contacts(_assemble(file, path, urdf), file.allowed_contacts)
+        return _assemble(file, path, urdf)
     except InvalidInput as error:
         raise InvalidInput(f"hand file {path} with {urdf.name}: {error}") from error
 
 
 def _assemble(file: HandFile, path: Path, urdf: Path) -> Hand:
     links, joints = read_urdf(urdf, file.palm.link)
-    _check_entries(file, {link.name: i for i, link in enumerate(links)}, joints, path)
-    roles = joint_roles(joints, [joint for finger in file.fingers for joint in finger.joints], file.frozen)
-    numbers = {link.name: i for i, link in enumerate(links)}
+    numbers = {link.name: number for number, link in enumerate(links)}
+    named = [("link", name) for name in (*file.convex_parts, *chain(*file.allowed_contacts))]
+    named += [("sensor link", mount.link) for _, _, mount in file.mounts]
+    faults = [missing_name(kind, name, numbers) for kind, name in named if name not in numbers]
+    try:
+        roles = joint_roles(joints, [joint for finger in file.fingers for joint in finger.joints], file.frozen)
+    except InvalidInput as error:
+        raise InvalidInput("; ".join([str(error), *faults])) from error  # all faults together
+    if faults:
+        raise InvalidInput("; ".join(faults))
     fingers, sensors = _fingers(file, roles, numbers, path)
-    return Hand(
+    hand = Hand(
         name=file.name,
         path=path,
         urdf=urdf,
@@ -150,132 +204,64 @@ def _assemble(file: HandFile, path: Path, urdf: Path) -> Hand:
         upper=np.array([joint.limits[1] for joint in roles.independent]),
         fingers=fingers,
         sensors=sensors,
-        palm_facing=_unit(file.palm.facing, "palm: facing"),
+        palm_facing=_unit(file.palm.facing),
         palm_centre=np.array(file.palm.centre, np.float64),
         followers=roles.followers,
         frozen=roles.frozen,
         torque=file.torque,
         friction=file.friction,
     )
-
-
-def _check_entries(file: HandFile, numbers: Mapping[str, int], joints: Sequence[Joint], path: Path) -> None:
-    """Check every entry by itself, so that all faults are reported together."""
-    names = [*file.convex_parts, *(link for pair in file.allowed_contacts for link in pair)]
-    finger_mounts = [(entry.name, entry.mounts) for entry in file.fingers]
-    checks: list[Callable[[], object]] = [
-        lambda: joint_roles(joints, [joint for finger in file.fingers for joint in finger.joints], file.frozen),
-        lambda: _unit(file.palm.facing, "palm: facing"),
-        *(partial(_find, "link", name, numbers) for name in names),
-        *(
-            partial(_mounts, owner, [mount], numbers, file, path)
-            for owner, mounts in (*finger_mounts, ("palm", file.palm.sensors))
-            for mount in mounts
-        ),
-    ]
-    faults = []
-    for check in checks:
-        try:
-            check()
-        except InvalidInput as error:
-            faults.append(str(error))
-    if faults:
-        raise InvalidInput("; ".join(faults))
-
-
-def _with_allowed_contacts(hand: Hand, stated_pairs: Iterable[tuple[str, str]]) -> Hand:
-    """Set the allowed contacts: those that the hand file states, and those of neighbours that overlap at rest."""
-    numbers = {link.name: i for i, link in enumerate(hand.links)}
-    pairs = [(_find("link", one, numbers), _find("link", other, numbers)) for one, other in stated_pairs]
-    allowed = frozenset((min(pair), max(pair)) for pair in pairs)
-    return replace(hand, allowed_contacts=overlapping_neighbours(hand, collision_boxes(hand)) | allowed)
+    pairs = [sorted((numbers[one], numbers[other])) for one, other in file.allowed_contacts]
+    stated = frozenset((first, second) for first, second in pairs)
+    return replace(hand, allowed_contacts=overlapping_neighbours(hand, collision_boxes(hand)) | stated)
 
 
 def _fingers(file: HandFile, roles: JointRoles, numbers: Mapping[str, int], path: Path) -> tuple[tuple[Finger, ...], tuple[Mount, ...]]:
     """Assemble the fingers, those that share a motor as one, and the sensors: finger by finger, those on the palm last."""
-    names = [joint.name for joint in roles.independent]
-    entry_of = {joint: names.index(joint) for joint in names}
-    entry_of |= {roles.joints[follower.link - 1].name: follower.entry for follower in roles.followers}
-    fingers, mounts = list[Finger](), list[Mount]()
-    for entries in _with_shared_motors(file.fingers, entry_of):
-        joints = sorted({entry_of[joint] for entry in entries for joint in entry.joints})
-        moved = moved_links(roles.joints, [name for name, entry in entry_of.items() if entry in joints])
+    motor_of = {joint.name: number for number, joint in enumerate(roles.independent)}
+    motor_of |= {roles.joints[follower.link - 1].name: follower.entry for follower in roles.followers}
+    shipped = shipped_files("sensor")
+
+    def mounts_of(owner: _FingerEntry | None) -> list[Mount]:
+        sensors = [(name, mount, mount.file or file.sensor or "") for entry, name, mount in file.mounts if entry is owner]
+        return [
+            Mount(name, numbers[mount.link], mount.pose, sensor if sensor in shipped else str(path.parent / expanded(sensor)))
+            for name, mount, sensor in sensors
+        ]
+
+    link_names, fingers, mounts = list(numbers), list[Finger](), list[Mount]()
+    for entries in _with_shared_motors(file.fingers, motor_of):
+        motors = sorted({motor_of[joint] for entry in entries for joint in entry.joints})
+        moved = moved_links(roles.joints, [name for name, motor in motor_of.items() if motor in motors])
         for other in fingers:
             if both := set(other.links) & set(moved):
-                link = next(name for name, number in numbers.items() if number in both)
                 raise InvalidInput(
-                    f"fingers {other.name!r} and {entries[0].name!r} both move link {link!r}, but fingers move by themselves; "
-                    "freeze the joint that moves both, or make them one finger"
+                    f"fingers {other.name!r} and {entries[0].name!r} both move link {link_names[min(both)]!r}, but fingers move by "
+                    "themselves; freeze the joint that moves both, or make them one finger"
                 )
         first_mount = len(mounts)
         for entry in entries:
-            for mount in _mounts(entry.name, entry.mounts, numbers, file, path):
-                if mount.link not in moved:
-                    link = next(name for name, number in numbers.items() if number == mount.link)
-                    raise InvalidInput(f"sensor link {link!r} is not moved by the joints of finger {entry.name!r}")
-                mounts.append(mount)
+            mounts += mounts_of(entry)
+            if still := [link_names[mount.link] for mount in mounts[first_mount:] if mount.link not in moved]:
+                raise InvalidInput(f"sensor link {still[0]!r} is not moved by the joints of finger {entry.name!r}")
         name = "+".join(entry.name for entry in entries)
-        fingers.append(Finger(name, tuple(joints), tuple(moved), tuple(range(first_mount, len(mounts)))))
-    for mount in _mounts("palm", file.palm.sensors, numbers, file, path):
+        fingers.append(Finger(name, tuple(motors), tuple(moved), tuple(range(first_mount, len(mounts)))))
+    for mount in mounts_of(None):
         if mover := next((finger.name for finger in fingers if mount.link in finger.links), None):
             raise InvalidInput(f"palm: finger {mover!r} moves the link of sensor {mount.name!r}; list the sensor under that finger")
         mounts.append(mount)
-    if not mounts:
-        raise InvalidInput("no finger has a sensor, nor has the palm; give one a sensor")
-    if twice := [mount.name for mount in mounts if [other.name for other in mounts].count(mount.name) > 1]:
-        raise InvalidInput(f"two sensors are called {twice[0]}; give each a name")
     return tuple(fingers), tuple(mounts)
 
 
-def _with_shared_motors(entries: Sequence[_FingerEntry], entry_of: Mapping[str, int]) -> list[list[_FingerEntry]]:
-    """Group the fingers that share a motor, given by the entry of the joint vector that moves each joint."""
+def _with_shared_motors(entries: Sequence[_FingerEntry], motor_of: Mapping[str, int]) -> list[list[_FingerEntry]]:
+    """Group the fingers that share a motor."""
     groups: list[list[_FingerEntry]] = []
     for entry in entries:
-        motors = {entry_of[joint] for joint in entry.joints}
-        sharing = [group for group in groups if motors & {entry_of[joint] for member in group for joint in member.joints}]
+        motors = {motor_of[joint] for joint in entry.joints}
+        sharing = [group for group in groups if motors & {motor_of[joint] for member in group for joint in member.joints}]
+        groups = [group for group in groups if group not in sharing[1:]]
         if sharing:
-            first, *others = sharing
-            first.extend([*(member for other in others for member in other), entry])
-            groups = [group for group in groups if group not in others]
+            sharing[0].extend([*(member for group in sharing[1:] for member in group), entry])
         else:
             groups.append([entry])
     return groups
-
-
-def _mounts(owner: str, entries: Sequence[_SensorMount], numbers: Mapping[str, int], file: HandFile, path: Path) -> list[Mount]:
-    mounts = []
-    for number, entry in enumerate(entries):
-        name = entry.name or (owner if len(entries) == 1 else f"{owner}-{number + 1}")
-        sensor = entry.file or file.sensor
-        if sensor is None:
-            raise InvalidInput(f"sensor {name!r} has no sensor file; name one as its `file`, or for all sensors as the hand's `sensor`")
-        if sensor not in shipped_files("sensor"):
-            sensor = str(path.parent / expanded(sensor))
-        mounts.append(Mount(name, _find("sensor link", entry.link, numbers), _sensor_pose(name, entry), sensor))
-    return mounts
-
-
-def _sensor_pose(name: str, entry: _SensorMount) -> Array:
-    z, x = _unit(entry.normal, f"{name}: normal"), _unit(entry.columns, f"{name}: columns")
-    if abs(x @ z) > MAX_SKEW:
-        angle = np.degrees(np.arccos(x @ z))
-        raise InvalidInput(f"{name}: normal {entry.normal} and columns {entry.columns} are {angle:.1f}° apart; make it 90°")
-    x = x - (x @ z) * z  # they were rounded
-    x /= length(x)
-    pose = np.eye(4)
-    pose[:3, :3] = np.column_stack([x, np.cross(z, x), z])
-    pose[:3, 3] = entry.origin
-    return pose
-
-
-def _find(kind: str, name: str, values: Mapping[str, Value]) -> Value:
-    if name not in values:
-        raise InvalidInput(missing_name(kind, name, values))
-    return values[name]
-
-
-def _unit(vector: Vector, what: str) -> Array:
-    size = float(length(vector))
-    if size == 0:
-        raise InvalidInput(f"{what} is the zero vector; give a direction")
-    return np.array(vector, np.float64) / size

@@ -12,7 +12,7 @@ from pipeline.formats.collada import read_collada
 from pipeline.formats.file_content import MESH_SUFFIXES, refuse_foreign
 from pipeline.formats.gltf_scene import read_gltf
 from pipeline.formats.mesh_companions import Companions
-from pipeline.formats.mesh_parts import check_mesh
+from pipeline.formats.mesh_parts import check_mesh, unique_materials
 from pipeline.formats.obj import read_obj
 from pipeline.formats.off import read_off
 from pipeline.formats.ply import read_ply
@@ -71,11 +71,14 @@ def _join(meshes: Sequence[Mesh]) -> Mesh:
     if any(look.vertex_color is not None for look in looks):
         whites = (np.full((len(look.uv), 4), 255, np.uint8) for look in looks)
         colors = np.concatenate([w if look.vertex_color is None else look.vertex_color for look, w in zip(looks, whites, strict=True)])
+    material_texture = np.concatenate([rows[look.material_texture] for rows, look in zip(own, looks, strict=True)])
+    base_color, material_texture, material = unique_materials(np.concatenate([look.base_color for look in looks]), material_texture)
+    face_material = _join_indices([look.face_material for look in looks], [look.base_color for look in looks])
     look = Look(
         uv=np.concatenate([look.uv for look in looks]),
-        face_material=_join_indices([look.face_material for look in looks], [look.base_color for look in looks]),
-        base_color=np.concatenate([look.base_color for look in looks]),
-        material_texture=np.concatenate([rows[look.material_texture] for rows, look in zip(own, looks, strict=True)]),
+        face_material=material[face_material],
+        base_color=base_color,
+        material_texture=material_texture,
         textures=tuple(textures),
         vertex_color=colors,
     )

@@ -74,8 +74,8 @@ def eight_bits(colors: NDArray[Any], *, fractions: bool) -> NDArray[np.uint8]:
 
 
 def triangulate(
-    corners: NDArray[np.int64],  # (C,) vertices of all polygons, one polygon after the other
-    sizes: NDArray[np.int64],  # (P,) corners of each polygon; fewer than three give no triangle
+    corners: Integers,  # (C,) vertices of all polygons, one polygon after the other
+    sizes: Integers,  # (P,) corners of each polygon; fewer than three give no triangle
     vertices: Array,  # (V, 3)
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # (T, 3) indices into `corners`, in the order of the polygons; (T,) the polygon of each
     """Cut polygons into triangles: fans, of concave ones ears."""
@@ -140,6 +140,17 @@ def _normal(corners: Array) -> Array:
     return np.asarray(np.cross(spokes, np.roll(spokes, -1, axis=-2)).sum(axis=-2))
 
 
+def unique_materials(
+    color: NDArray[np.uint8],  # (N, 4)
+    texture: Integers,  # (N,) number of the texture, -1 for none
+) -> tuple[NDArray[np.uint8], NDArray[np.int32], NDArray[np.int32]]:  # (M, 4), (M,) of the materials, and (N,) the material of each row
+    """Find the different materials."""
+    packed = np.ascontiguousarray(color, np.uint8).view(np.uint32).reshape(-1)  # with the texture one number, which sorts fast
+    materials, material = np.unique((texture.astype(np.int64) + 1) << 32 | packed, return_inverse=True)
+    colors = materials.astype(np.uint32).view(np.uint8).reshape(-1, 4)
+    return colors, ((materials >> 32) - 1).astype(np.int32), material.reshape(-1).astype(np.int32)
+
+
 def build_part(
     vertices: Array,  # (V, 3)
     faces: Integers,  # (F, 3)
@@ -159,14 +170,13 @@ def build_part(
     if face_color is None:
         blank = GREY if vertex_color is None else WHITE
         face_color = np.where((page < 0)[:, None], np.array(blank, np.uint8), np.array(WHITE, np.uint8))
-    packed = np.ascontiguousarray(face_color, np.uint8).view(np.uint32).reshape(-1)  # with the page one number, which sorts fast
-    materials, face_material = np.unique((page + 1) << 32 | packed, return_inverse=True)
+    base_color, material_texture, face_material = unique_materials(face_color, page)
     coordinates = np.zeros((len(vertices), 2)) if uv is None else np.asarray(uv, np.float64)
     look = Look(
         uv=np.where(np.abs(coordinates) < MAX_UV, coordinates, 0).astype(np.float32),  # NaN too
-        face_material=face_material.reshape(-1).astype(np.int32),
-        base_color=materials.astype(np.uint32).view(np.uint8).reshape(-1, 4),
-        material_texture=((materials >> 32) - 1).astype(np.int32),
+        face_material=face_material,
+        base_color=base_color,
+        material_texture=material_texture,
         textures=tuple(texture for number in kept if (texture := textures[number]) is not None),
         vertex_color=vertex_color,
     )

@@ -1,7 +1,7 @@
 """3MF files: the objects that are built, with the colours and textures of the core and materials specifications."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
 
@@ -18,13 +18,14 @@ from pipeline.formats.mesh_parts import (
     build_part,
     check_corners,
     check_count,
-    check_mesh,
+    posed,
     split_vertices,
 )
 from pipeline.formats.textures import Textures
 from pipeline.formats.threemf_package import Element, Model, Package, parse_model
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.transforms import compose
 
 EXTENSIONS = ("core/", "material/", "production/", "slice/", "trianglesets/")
 """Parts of the names of the extensions that a file may require: those that are read, and two that do not change the mesh."""
@@ -46,7 +47,7 @@ SETTINGS = ("metadatagroup", "settings")
 """Elements of an object that hold its settings; the latter is of early versions of Cura."""
 
 
-def read_threemf(file: Companions, textures: Textures) -> list[Mesh]:
+def read_threemf(file: Companions, textures: Textures) -> Iterator[Mesh]:
     """Read the meshes of a 3MF file in the poses of its build."""
     package, unread = Package(BytesIO(file.content)), file.unread
     for name, words in SLICER_VOLUMES.items():
@@ -56,12 +57,7 @@ def read_threemf(file: Companions, textures: Textures) -> list[Mesh]:
                     raise InvalidInput(f"it has volumes that modify others ({word[0].decode()} in {name}); export its parts as STL")
     if FILAMENTS in package:
         unread.append(f"colours of filaments ({FILAMENTS}) are not read")
-    builder = _Builder(package, textures.read, unread)
-    meshes = list(builder.build())
-    if not meshes:
-        raise InvalidInput(f"nothing of it is built: {'; '.join(builder.skipped) or 'its build has no item with triangles'}")
-    unread += [*builder.skipped, *builder.lost]
-    return meshes
+    yield from _Builder(package, textures).build()
 
 
 @dataclass
@@ -78,21 +74,19 @@ class _Properties:
 class _Builder:
     """The models of a package, parsed when they are first used."""
 
-    def __init__(self, package: Package, decode: Callable[[str, bytes], NDArray[np.uint8] | None], unread: list[str]) -> None:
-        self._package, self._decode, self._unread = package, decode, unread
+    def __init__(self, package: Package, textures: Textures) -> None:
+        self._package, self._textures, self._unread = package, textures, textures.unread
         self._parts: dict[str, Model] = {}
         self._properties: dict[str, _Properties] = {}
         self._unit = ""  # of the main model, which is the first
-        self._instances = self._faces = self._vertices = 0
-        self.skipped: dict[str, None] = {}  # in order, each once
-        self.lost: dict[str, None] = {}
+        self._instances = 0
 
     def build(self) -> Iterator[Mesh]:
         """Build the items of the main model."""
         main = self._part(self._package.main)
         for number, item in enumerate(main.root.first("build").all("item"), 1):
             if item.attributes.get("printable", "1") in ("0", "false"):
-                self.skipped[f"item {number} is skipped; it is marked as not printable"] = None
+                self._unread.append(f"item {number} is skipped; it is marked as not printable")
             else:
                 yield from self._place(main, item, np.eye(4), 0)
 
@@ -109,7 +103,7 @@ class _Builder:
             if (part.unit or self._unit) != self._unit:
                 raise InvalidInput(f"its models are in {self._unit} and in {part.unit}; export it in one unit")
             if part.painted:
-                self.lost["colours that a slicer painted on triangles are not read"] = None
+                self._unread.append("colours that a slicer painted on triangles are not read")
             self._parts[key] = part
         return self._parts[key]
 
@@ -122,14 +116,14 @@ class _Builder:
         number = reference.attributes["objectid"]
         if (thing := part.resources.get(number)) is None or thing.tag != "object":
             raise InvalidInput(f"it names object {number} of {part.name}, which is not there; export it again")
-        pose = pose @ _transform(reference)
+        pose = compose(pose, _transform(reference))
         if (kind := thing.attributes.get("type", "model")) in NO_SHAPE:
-            self.skipped[f"object {number} is skipped; it is {NO_SHAPE[kind]}"] = None
+            self._unread.append(f"object {number} is skipped; it is {NO_SHAPE[kind]}")
             return
         for setting in (setting for group in thing.children if group.tag in SETTINGS for setting in group.children):
             name = setting.attributes.get("name", setting.attributes.get("key", "")).removeprefix("cura:")
             if name in CURA_VOLUMES and setting.text.lower() == "true":
-                self.skipped[f"object {number} is skipped; Cura marks it as {name}"] = None
+                self._unread.append(f"object {number} is skipped; Cura marks it as {name}")
                 return
         for child in thing.children:
             if child.tag == "components":
@@ -151,22 +145,18 @@ class _Builder:
             raise InvalidInput(f"{name} has slices and no triangles; export it as triangles")
         if not len(triangles):
             return
-        self._faces, self._vertices = self._faces + len(triangles), self._vertices + len(vertices)
-        check_mesh(self._faces, self._vertices)
-        faces = triangles[:, :3]
-        check_corners(faces, len(vertices))
-        vertices = vertices @ pose[:3, :3].T + pose[:3, 3]
-        turned = [0, 2, 1] if np.linalg.det(pose[:3, :3]) < 0 else [0, 1, 2]  # a mirrored solid keeps its outside
+        check_corners(triangles[:, :3], len(vertices))
         table = self._table(part)
         entries = _entries(thing, triangles[:, 3:], table)
         varied = (entries != entries[:, :1]).any(axis=1) & (table.texture[entries[:, 0]] < 0)  # colours that differ at the corners
         face_color = table.color[np.where(varied, -1, entries[:, 0])]
         corner_color = np.where(varied[:, None], entries, -1)  # the last entry is white
         used = np.where(table.texture[entries] >= 0, entries, corner_color + len(table.color) * (corner_color < 0))
-        vertex, entry, faces = split_vertices(faces, used)
+        vertex, entry, faces = split_vertices(triangles[:, :3], used)
+        vertices, turned = posed(pose, vertices[vertex], faces)
         yield build_part(
-            vertices[vertex],
-            faces[:, turned],
+            vertices,
+            turned,
             face_color=face_color,
             vertex_color=table.color[entry] if varied.any() else None,
             uv=table.uv[entry],
@@ -186,7 +176,7 @@ class _Builder:
                 continue
             first[int(number)] = len(rows)
             if group.tag in UNREAD:
-                self.lost[f"{UNREAD[group.tag]} ({group.tag}) are not read"] = None
+                self._unread.append(f"{UNREAD[group.tag]} ({group.tag}) are not read")
             if group.tag == "texture2dgroup":
                 textures.append(self._texture(part, group))
                 color, page = (GREY, -1) if textures[-1] is None else (WHITE, len(textures) - 1)
@@ -201,14 +191,14 @@ class _Builder:
         texture = part.resources.get(group.attributes["texid"], group)
         path = texture.attributes.get("path", "")
         if path not in self._package:
-            self.lost[f"{path} is missing in the 3MF"] = None
+            self._unread.append(f"{path} is missing in the 3MF")
             return None
         for axis in "uv":
             outside = any(not 0 <= float(entry.attributes[axis]) <= 1 for entry in group.children)
             if outside and (style := texture.attributes.get(f"tilestyle{axis}", "wrap")) != "wrap":
-                self.lost[f"{path} is repeated where the file says {style}"] = None
+                self._unread.append(f"{path} is repeated where the file says {style}")
         with self._package.open(path) as stream:
-            return self._decode(path, stream.read())
+            return self._textures.read(path, stream.read())
 
 
 def _transform(reference: Element) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 
 from pipeline.console import Meter, errors
 from pipeline.errors import InvalidInput, missing_name
-from pipeline.formats.file_content import MARKS, parse_xml, read_file, without_mark
+from pipeline.formats.file_content import foreign_content, parse_xml, read_file, without_mark
 from pipeline.formats.mesh_parts import MAX_FACES
 from pipeline.formats.mesh_reader import load_mesh
 from pipeline.formats.urdf_shapes import MAX_TURN, Color, check_unit, material_color, numbers_of, origin_of, shape_of
@@ -38,7 +38,6 @@ OTHER_FORMATS = {
     "model": "the model.config of an SDF model",
     "COLLADA": "COLLADA, a format of meshes",
     "launch": "a launch file of ROS",
-    "html": "a web page: download the file itself",
 }
 """Formats by their root element."""
 
@@ -216,57 +215,37 @@ def parse_urdf(path: Path) -> Element:
     """Parse a URDF file; raise an `InvalidInput` that names the file if it is none."""
     content = read_file(path, MAX_BYTES)
     try:
-        text = _decode(content)
-        _check_size(text)
-        robot = parse_xml(text)
+        if foreign := foreign_content(content):
+            raise InvalidInput(f"it is {foreign}")
+        robot = parse_xml(_decode(content))
         _check_format(robot)
-        for shape in robot.iterfind(".//geometry/*"):
-            shape.tag = shape.tag.removeprefix("drake:")  # Drake's `<drake:capsule>`: the physics engines know it without
-        return robot
     except (expat.ExpatError, ValueError) as error:
         reason = error if isinstance(error, InvalidInput) else f"it is not XML ({error}); a hand's `urdf` must be a URDF file"
         raise InvalidInput(f"{path}: {reason}") from error
+    for shape in robot.iterfind(".//geometry/*"):
+        shape.tag = shape.tag.removeprefix("drake:")  # Drake's `<drake:capsule>`: the physics engines know it without
+    return robot
 
 
 def _decode(content: bytes) -> str:
     """Decode XML by its byte-order mark, or the encoding that it declares: expat knows four."""
-    marked = content.startswith(tuple(MARKS))
-    content = without_mark("it", content)
-    encoding = UNMARKED.get(content[:2])
-    declaration = None if marked else DECLARATION.match(content.lstrip())
+    unmarked = without_mark("it", content)
+    declaration = DECLARATION.match(unmarked.lstrip()) if unmarked == content else None
+    encoding = UNMARKED.get(content[:2]) or (declaration[1].decode() if declaration else "utf-8")
     try:
-        if encoding is None and declaration is not None:
-            encoding = declaration[1].decode()
-            if declaration[0].decode(encoding) != declaration[0].decode():  # such as UTF-16, in which it cannot be read
-                raise InvalidInput(f"it says that its encoding is {encoding}, and it is another; save it as UTF-8")
-        return content.decode(encoding or "utf-8")
-    except LookupError as error:
-        raise InvalidInput(f"its encoding, {encoding}, is unknown; save it as UTF-8") from error
-    except UnicodeError as error:
-        stated = f"{encoding}, as it says" if encoding else "UTF-8, and names no other encoding"
-        raise InvalidInput(f"it is not in {stated} ({error}); save it as UTF-8") from error
-
-
-def _check_size(text: str) -> None:
-    """Refuse content that no hand has, and that would take minutes or gigabytes to read."""
-    if re.match(r"\s*<(!doctype\s+)?html", text, re.IGNORECASE):
-        raise InvalidInput(_foreign("html"))
-    if "<!" in text.replace("<!--", "").replace("<![CDATA[", ""):
-        raise InvalidInput("it declares a document type or entities; write out their content")
-    if (parts := sum(text.count(tag) for tag in ("<link", "<joint", "<visual", "<collision"))) > MAX_PARTS:
-        raise InvalidInput(f"it has {parts} links, joints and shapes, {MAX_PARTS} are the most")
+        return unmarked.decode(encoding)
+    except (LookupError, UnicodeError) as error:
+        raise InvalidInput(f"it is not text in {encoding} ({error}); save it as UTF-8") from error
 
 
 def _check_format(robot: Element) -> None:
     if robot.tag != "robot":
-        raise InvalidInput(_foreign(robot.tag))
+        name = OTHER_FORMATS.get(robot.tag, f"a file whose root is <{robot.tag}>")
+        raise InvalidInput(f"it is {name}; a hand's `urdf` must be a URDF file, whose root is <robot>: name that, or convert this one")
+    if (parts := sum(element.tag in ("link", "joint", "visual", "collision") for element in robot.iter())) > MAX_PARTS:
+        raise InvalidInput(f"it has {parts} links, joints and shapes, {MAX_PARTS} are the most")
     for element in robot.iter():
         marked = [f' {name}="{value}"' for name, value in element.attrib.items() if "${" in value or "$(" in value]
         if marked or element.tag.startswith("xacro:"):
             part = f"<{element.tag}{''.join(marked[:1])}>"
             raise InvalidInput(f"it is xacro, from which a URDF is made: it has {part[:100]}; run xacro first, `xacro IN > OUT.urdf`")
-
-
-def _foreign(root: str) -> str:
-    name = OTHER_FORMATS.get(root, f"a file whose root is <{root}>")
-    return f"it is {name}; a hand's `urdf` must be a URDF file, whose root is <robot>: name that, or convert this one"

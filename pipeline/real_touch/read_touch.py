@@ -17,8 +17,7 @@ from pipeline.formats.description_file import description_path
 from pipeline.formats.image_file import SUFFIXES, image_files
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.depth_maps import gel_surface
-from pipeline.kernels.touch.photograph_alteration import rim_change
-from pipeline.kernels.touch.photograph_faults import photograph_faults, stop_at, untouched_faults
+from pipeline.kernels.touch.photograph_faults import photograph_faults, rim_change, stop_at, untouched_faults
 from pipeline.kernels.touch.sensor import Sensor, masked_points, resample, sensor_differences
 from pipeline.models.model_files import DESCRIPTION
 from pipeline.models.shipped_weights import shipped_sensor_network
@@ -120,9 +119,9 @@ class TouchReader:
         if image.shape != self.untouched.shape:
             size, needed = (f"{pixels.shape[1]} x {pixels.shape[0]}" for pixels in (image, self.untouched))
             raise InvalidInput(f"it has {size} pixels, the untouched photograph {needed}; take both with one size, and crop both alike")
-        indentation, contact = self.model.read(image[None], self.untouched, self.pixel_aspect)
+        gel = self.model.read(image[None], self.untouched, self.pixel_aspect)
         rim_pressed = rim_change(image, self.untouched) > RIM_SHARE
-        return TouchReading(indentation[0], contact[0], self.sensor, rim_pressed)
+        return TouchReading(gel.indentation[0], gel.contact[0], self.sensor, rim_pressed)
 
 
 def write_reading(reading: TouchReading, folder: Path, name: str) -> list[Path]:

@@ -4,11 +4,15 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from pipeline.kernels.touch.press_shapes import random_press
+from pipeline.kernels.touch.pressed_gel import press_gel, scaled_gel
 from pipeline.kernels.touch.sensor import Sensor, resample_longer_side
+from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.models.touch_model import LocalTouchModel, save_touch_model
-from stages.train_touch.learner import train_local_network
-from stages.train_touch.presses import random_presses
-from stages.train_touch.stage import TouchTrainingSettings
+from pipeline.rng import numpy_rng
+from stages.train_touch import Presses, SimulatedPress, TouchTrainingSettings, train_local_network
 
 PIXELS = 160
 """Pixels along the longer side of the network's input, as in `simulate-presses`."""
@@ -34,11 +38,28 @@ def train_sensor_network(
         settings = settings.model_copy(update={"epochs": max(1, round(STEPS * settings.batch_size / presses))})
     network_sensor = resample_longer_side(sensor, PIXELS)
     training, watched = (
-        random_presses(network_sensor, count, press_seed, gel=GEL) for count, press_seed in ((presses, 2 * seed), (WATCHED, 2 * seed + 1))
+        random_presses(network_sensor, count, press_seed) for count, press_seed in ((presses, 2 * seed), (WATCHED, 2 * seed + 1))
     )
     with tempfile.TemporaryDirectory() as folder:
         network, facts = train_local_network(training, watched, settings, folder=Path(folder), seed=seed)
     return LocalTouchModel(network, training.sensor, training.untouched), facts
+
+
+def random_presses(
+    sensor: Sensor,  # with as many pixels as the images shall have
+    count: int,
+    seed: int,  # of all draws
+    gel: tuple[float, float] = GEL,  # least and greatest factor of gel thickness or membrane width, drawn per press
+) -> Presses:
+    """Press random shapes into a sensor; they stay in memory."""
+    presses = []
+    for number in range(count):
+        rng = numpy_rng(seed, "random-presses", number)
+        press = random_press(sensor, rng)
+        varied = scaled_gel(sensor, rng.uniform(*gel))
+        state = press_gel(press.depth, varied)
+        presses.append(SimulatedPress(render_gel(state.indentation, varied, rng), state.indentation.astype(np.float32), state.contact))
+    return Presses(sensor, untouched_image(sensor), [f"random press {number}" for number in range(count)], presses.__getitem__)
 
 
 def save_sensor_network(model: LocalTouchModel, folder: Path) -> None:

@@ -17,8 +17,7 @@ from pipeline.formats.file_content import expanded
 from pipeline.recipes.own_files import find_files, own_names, own_path, read_files, with_names
 from pipeline.recipes.recipe import SHORT_DIGITS, Recipe, RecipeRow, StageRecipe, object_lines, roots_of
 from pipeline.store import digest
-from pipeline.store.collection import Collection
-from pipeline.store.directory import DataDirectory
+from pipeline.store.directory import Collection, DataDirectory
 from pipeline.store.record import ShardRecord
 from pipeline.store.storage import Location
 from schemas.catalogue import ARTIFACTS
@@ -112,7 +111,7 @@ def _check_current(request: Request[ObjectStage]) -> None:
     """Raise a `StoreError` for rows that are incomplete or were made by other code or from other files."""
     for plan in plans(request):
         if not plan.up_to_date():
-            if (record := plan.output.record) is None:
+            if (record := plan.record) is None:
                 raise StoreError(f"{plan.path} has not been made; run {request.stage.name} for all shards, then write the recipe")
             version = record.versions.get("vt-pipeline")
             raise StoreError(

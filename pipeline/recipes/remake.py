@@ -15,12 +15,12 @@ from pipeline.console import NAMED, abbreviate, pluralise
 from pipeline.engine import keys
 from pipeline.engine.executor import Executor, Serial
 from pipeline.engine.plan import Request
-from pipeline.engine.versions import PHYSICS, library_versions
 from pipeline.errors import InvalidInput, unknown_name
 from pipeline.formats.description_file import invalid_entries, shipped_files
 from pipeline.recipes.own_files import DESCRIBED, place_files, with_names
 from pipeline.recipes.recipe import Recipe
 from pipeline.recipes.recipe_writing import source_hash
+from pipeline.store.record import PHYSICS, library_versions
 from pipeline.store.storage import Location
 from stages.registry import DATASET, load_stage, resolve
 

@@ -20,10 +20,12 @@ from pipeline.engine.plan import Request
 from pipeline.errors import StageError
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.mesh import Look, Mesh, sample_triangles
+from pipeline.kernels.geometry.transforms import rotation_from_euler
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
 from pipeline.kernels.vision.camera import Camera
 from pipeline.kernels.vision.scene import Label
 from pipeline.models.shipped_weights import DEFAULT, shipped_models
+from pipeline.reconstruct.mesh_files import ClosedMesh
 from pipeline.reconstruct.predict import Prediction, PredictOptions, StoredGrasps, predict
 from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
@@ -67,18 +69,15 @@ def demo(folder: Path, console: Console) -> Demo:
     seconds = time.perf_counter() - began
     rows = ObjectRows(data, ["occluded", "points"], None)
     Image.fromarray(rows.read("occluded", OBJECT, 0, camera=0)).save(image_path)
-    draw_turntable(read_mesh(DataDirectory(data).collection(SURFACES).view(OBJECT)), reconstructed_mesh(prediction), turntable)
-    assert prediction.closed is not None
-    points = rows.read("points", OBJECT)
-    drawn, _ = sample_triangles(prediction.closed.vertices[prediction.closed.faces], len(points), np.random.default_rng(0))
-    mean_distance = cloud_distances(drawn, points).mean_distance
-    return Demo(mesh, turntable, image_path, prediction, mean_distance, seconds)
+    closed, points = prediction.closed, rows.read("points", OBJECT)
+    assert closed is not None
+    draw_turntable(read_mesh(DataDirectory(data).collection(SURFACES).view(OBJECT)), _coloured_mesh(closed), turntable)
+    drawn, _ = sample_triangles(closed.vertices[closed.faces], len(points), np.random.default_rng(0))
+    return Demo(mesh, turntable, image_path, prediction, cloud_distances(drawn, points).mean_distance, seconds)
 
 
-def reconstructed_mesh(prediction: Prediction) -> Mesh:
+def _coloured_mesh(closed: ClosedMesh) -> Mesh:
     """Make a mesh of a closed reconstruction, in the image's colours, grey elsewhere."""
-    assert prediction.closed is not None
-    closed = prediction.closed
     colors = np.where(closed.seen[:, None], closed.colors, np.array(GREY, np.uint8))
     look = Look.plain(len(closed.vertices), len(closed.faces), (255, 255, 255))
     faces = closed.faces.astype(np.int32)
@@ -98,15 +97,12 @@ def draw_turntable(truth: Mesh, reconstruction: Mesh, path: Path) -> None:
 
 
 def _orbit(camera: Camera, points: NDArray[np.float64]) -> list[Camera]:
-    """Location cameras once around the middle of points, starting from a camera, each with a view of all points."""
+    """Place cameras once around the middle of points, starting from a camera, each with a view of all points."""
     low, high = points.min(axis=0), points.max(axis=0)
-    x, y, z = ((low + high) / 2).tolist()
-    size = float(np.linalg.norm(high - low)) / np.sqrt(12)
-    corners = np.array([[x, y, z]]) + size * np.array(list(product((-1, 1), repeat=3)))  # of a cube that is as large
-    across, along, up = (np.array(camera.position) - (x, y, z)).tolist()
+    middle, half = (low + high) / 2, np.linalg.norm(high - low) / np.sqrt(12)
+    corners = middle + half * np.array(list(product((-1, 1), repeat=3)))  # of a cube that is as large
     cameras = []
     for angle in np.arange(FRAMES) * 2 * np.pi / FRAMES:
-        cosine, sine = float(np.cos(angle)), float(np.sin(angle))
-        position = (x + cosine * across - sine * along, y + sine * across + cosine * along, z + up)
-        cameras.append(fitted_camera(camera.model_copy(update={"position": position}), corners))
+        position = middle + rotation_from_euler((0, 0, angle)) @ (np.array(camera.position) - middle)
+        cameras.append(fitted_camera(camera.model_copy(update={"position": tuple(position.tolist())}), corners))
     return cameras

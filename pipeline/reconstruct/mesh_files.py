@@ -48,38 +48,29 @@ def write_charts(
     path: Path,
     reconstruction: Reconstruction,
     to_metres: NDArray[np.float64] = UPRIGHT,  # (4, 4) from the reconstruction's frame to metres with z up, for GLB, which turns it to y up
+    *,
+    joined: bool = False,  # the vision charts as one closed surface: vertices that coincided before the deformation become their mean
 ) -> None:
     """Write a reconstruction's charts separately: each has its own vertices, colour and, in OBJ and GLB, its own named object.
 
-    Touch charts are orange and called touch_N, vision charts vision_N. Lengths and frame are the reconstruction's, but for GLB's node. PLY
-    and GLB hold float32, OBJ eight decimals: 0.03 µm and 5 nm in the scene.
+    Touch charts are orange and called touch_N, vision charts vision_N, or vision. Lengths and frame are the reconstruction's, but for GLB's
+    node. PLY and GLB hold float32, OBJ eight decimals: 0.03 µm and 5 nm in the scene.
     """
-    _write(path, [*_vision_charts(reconstruction), *_touch_charts(reconstruction)], to_metres)
-
-
-def write_joined(path: Path, reconstruction: Reconstruction, to_metres: NDArray[np.float64] = UPRIGHT) -> None:
-    """Write a reconstruction's vision charts joined to one closed surface, with its touch charts beside it; frames as `write_charts`.
-
-    Vertices that coincided before the deformation become one, in the middle of where they are now.
-    """
-    _write(path, [("vision", _mesh(*join_vision_charts(reconstruction), VISION_COLORS[0])), *_touch_charts(reconstruction)], to_metres)
+    vision, side = reconstruction.vision, reconstruction.side
+    if joined:
+        parts = [("vision", _mesh(*join_vision_charts(reconstruction), VISION_COLORS[0]))]
+    elif reconstruction.is_whole:
+        parts = [("surface", _mesh(reconstruction.vertices, reconstruction.faces, VISION_COLORS[0]))]
+    else:
+        parts = _charts(reconstruction, "vision_{:03d}", range(0, vision, CHART_VERTICES), VISION_COLORS)
+    parts += _charts(reconstruction, "touch_{:02d}", range(vision, len(reconstruction.vertices), side**2), (TOUCH_COLOR,))
+    _write(path, parts, to_metres)
 
 
 def write_closed(path: Path, mesh: ClosedMesh, to_metres: NDArray[np.float64] = UPRIGHT) -> None:
     """Write one closed mesh, called closed, grey where no image shows it; frames as `write_charts`."""
     painted = np.where(mesh.seen[:, None], np.insert(mesh.colors, 3, 255, axis=1), np.array(VISION_COLORS[0], np.uint8))
     _write(path, [("closed", _mesh(mesh.vertices, mesh.faces, painted))], to_metres)
-
-
-def _vision_charts(reconstruction: Reconstruction) -> Parts:
-    if reconstruction.is_whole:
-        return [("surface", _mesh(reconstruction.vertices, reconstruction.faces, VISION_COLORS[0]))]
-    return _charts(reconstruction, "vision_{:03d}", range(0, reconstruction.vision, CHART_VERTICES), VISION_COLORS)
-
-
-def _touch_charts(reconstruction: Reconstruction) -> Parts:
-    starts = range(reconstruction.vision, len(reconstruction.vertices), reconstruction.side**2)
-    return _charts(reconstruction, "touch_{:02d}", starts, (TOUCH_COLOR,))
 
 
 def _charts(reconstruction: Reconstruction, name: str, starts: range, colors: Sequence[Opaque]) -> Parts:

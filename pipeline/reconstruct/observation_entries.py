@@ -84,10 +84,10 @@ def size_text(array: NDArray[Any]) -> str:
 class Pose(ObservationEntries):
     """A frame in the file's frame: `position`, and `quaternion` or `rpy`; or `matrix`, which may be given in place of the mapping."""
 
-    position: Annotated[Vector | None, Field(description="of the frame's origin")] = None
-    quaternion: Annotated[Row | None, Field(description="[x, y, z, w], as ROS writes it")] = None
-    rpy: Annotated[Vector | None, Field(description="roll, pitch, yaw, rad, about the fixed x, y and z axes, as in a URDF")] = None
-    matrix: Annotated[tuple[Row, Row, Row, Row] | None, Field(description="4 × 4, four rows; the last is 0 0 0 1")] = None
+    position: Vector | None = Field(default=None, description="of the frame's origin")
+    quaternion: Row | None = Field(default=None, description="[x, y, z, w], as ROS writes it")
+    rpy: Vector | None = Field(default=None, description="roll, pitch, yaw, rad, about the fixed x, y and z axes, as in a URDF")
+    matrix: tuple[Row, Row, Row, Row] | None = Field(default=None, description="4 × 4, four rows; the last is 0 0 0 1")
 
     @model_validator(mode="before")
     @classmethod

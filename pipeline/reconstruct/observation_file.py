@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,48 +38,44 @@ SMOOTHED = 1 / 33
 class ObservedObject(ObservationEntries):
     """Where the object is."""
 
-    centre: Annotated[
-        Vector | None, Field(description="of its bounding box; by default estimated from `depth` and `mask`, else touches")
-    ] = None
-    diagonal: Annotated[float | None, Field(gt=0, description="of its bounding box; by default estimated from `depth` and `mask`")] = None
+    centre: Vector | None = Field(
+        default=None, description="of its bounding box; by default estimated from `depth` and `mask`, else touches"
+    )
+    diagonal: float | None = Field(default=None, gt=0, description="of its bounding box; by default estimated from `depth` and `mask`")
 
 
 class Intrinsics(ObservationEntries):
     """Focal lengths and principal point, pixels; the centre of the top left pixel is (½, ½)."""
 
-    fx: Annotated[float, Field(ge=10, le=1e6, description="focal length along columns")]
-    fy: Annotated[float, Field(ge=10, le=1e6, description="focal length along rows")]
-    cx: Annotated[float, Field(ge=-1e6, le=1e6, description="column of the principal point; OpenCV's and ROS's plus ½")]
-    cy: Annotated[float, Field(ge=-1e6, le=1e6, description="row of the principal point; OpenCV's and ROS's plus ½")]
+    fx: float = Field(ge=10, le=1e6, description="focal length along columns")
+    fy: float = Field(ge=10, le=1e6, description="focal length along rows")
+    cx: float = Field(ge=-1e6, le=1e6, description="column of the principal point; OpenCV's and ROS's plus ½")
+    cy: float = Field(ge=-1e6, le=1e6, description="row of the principal point; OpenCV's and ROS's plus ½")
 
 
 class ObservedCamera(ObservationEntries):
     """A rectified photograph and its camera."""
 
-    image: Annotated[Image, Field(description="8-bit RGB photograph, without distortion")]
-    intrinsics: Annotated[Intrinsics, Field(description="of the photograph")]
-    pose: Annotated[Pose, Field(description="camera to the file's frame: an extrinsic, as from hand-eye calibration")]
-    convention: Annotated[
-        Literal["opencv", "opengl"],
-        Field(
-            description="axes of the camera: `opencv` and ROS's optical frames look along +z, +y down; `opengl` and Blender along -z, +y up"
-        ),
-    ] = "opencv"
-    mask: Annotated[
-        Mask | None,
-        Field(
-            description="not 0 where the photograph shows the object; without it, all that differs in colour from the photograph's border"
-        ),
-    ] = None
-    hand_mask: Annotated[Mask | None, Field(description="not 0 where it shows the robot in front of the object")] = None
-    depth: Annotated[
-        Depth | None, Field(description="depth along the viewing direction, registered to the photograph: 16-bit PNG, or .npy, m")
-    ] = None
-    depth_scale: Annotated[float, Field(gt=0, le=1, description="m per level of a 16-bit depth image; 0.001 for mm")] = 1e-3
-    depth_as_touch: Annotated[
-        bool,
-        Field(description="give the visible points of `depth` as touched, to networks with touch: for depth right to 2 mm; needs `mask`"),
-    ] = False
+    image: Image = Field(description="8-bit RGB photograph, without distortion")
+    intrinsics: Intrinsics = Field(description="of the photograph")
+    pose: Pose = Field(description="camera to the file's frame: an extrinsic, as from hand-eye calibration")
+    convention: Literal["opencv", "opengl"] = Field(
+        default="opencv",
+        description="axes of the camera: `opencv` and ROS's optical frames look along +z, +y down; `opengl` and Blender along -z, +y up",
+    )
+    mask: Mask | None = Field(
+        default=None,
+        description="not 0 where the photograph shows the object; without it, all that differs in colour from the photograph's border",
+    )
+    hand_mask: Mask | None = Field(default=None, description="not 0 where it shows the robot in front of the object")
+    depth: Depth | None = Field(
+        default=None, description="depth along the viewing direction, registered to the photograph: 16-bit PNG, or .npy, m"
+    )
+    depth_scale: float = Field(default=1e-3, gt=0, le=1, description="m per level of a 16-bit depth image; 0.001 for mm")
+    depth_as_touch: bool = Field(
+        default=False,
+        description="give the visible points of `depth` as touched, to networks with touch: for depth right to 2 mm; needs `mask`",
+    )
 
     @model_validator(mode="after")
     def _is_one_size(self) -> Self:
@@ -134,35 +130,34 @@ class View:
 class ObservedTouch(ObservationEntries):
     """A tactile image and the pose of its sensor."""
 
-    tactile_image: Annotated[Image, Field(description="8-bit RGB photograph by the sensor's camera, +x along columns, +y along rows")]
-    pose: Annotated[Pose, Field(description="sensor frame to the file's frame: origin in the middle of the gel's base, +z out of the gel")]
-    touched: Annotated[
-        bool | Literal["auto"], Field(description="whether the sensor touches; `auto`: if the image differs from the untouched one")
-    ] = "auto"
-    name: Annotated[str | None, Field(max_length=100, description="for messages: `index`, `thumb`")] = None
+    tactile_image: Image = Field(description="8-bit RGB photograph by the sensor's camera, +x along columns, +y along rows")
+    pose: Pose = Field(description="sensor frame to the file's frame: origin in the middle of the gel's base, +z out of the gel")
+    touched: bool | Literal["auto"] = Field(
+        default="auto", description="whether the sensor touches; `auto`: if the image differs from the untouched one"
+    )
+    name: str | None = Field(default=None, max_length=100, description="for messages: `index`, `thumb`")
 
 
 class RobotObservation(ObservationEntries):
     """A robot's observation of one static object, in one frame (e.g. its base)."""
 
-    unit: Annotated[Literal["mm", "cm", "dm", "m", "in", "ft"], Field(description="of all lengths, and of the reconstruction")] = "m"
-    up: Annotated[Vector, Field(description="direction against gravity in the file's frame: networks know objects upright")] = (0, 0, 1)
-    object: Annotated[ObservedObject, Field(description="where the object is")] = ObservedObject()
-    camera: Annotated[ObservedCamera | None, Field(description="photograph and camera; needed by networks with an image")] = None
-    sensor: Annotated[SensorName | None, Field(description="name or file of the sensors' description; needed with touches")] = None
-    untouched: Annotated[
-        Image | None, Field(description="tactile image of the sensor without contact; by default the one that the model was trained with")
-    ] = None
-    accept_photographs: Annotated[
-        bool,
-        Field(description="accept tactile images that seem altered: colours exchanged, turned, mirrored, grey, another exposure or sensor"),
-    ] = False
-    touches: Annotated[
-        tuple[ObservedTouch, ...],
-        Field(
-            max_length=MAX_TOUCHES, description=f"touches, at most {MAX_TOUCHES}; needed by networks with touch, unless `depth_as_touch`"
-        ),
-    ] = ()
+    unit: Literal["mm", "cm", "dm", "m", "in", "ft"] = Field(default="m", description="of all lengths, and of the reconstruction")
+    up: Vector = Field(default=(0, 0, 1), description="direction against gravity in the file's frame: networks know objects upright")
+    object: ObservedObject = Field(default=ObservedObject(), description="where the object is")
+    camera: ObservedCamera | None = Field(default=None, description="photograph and camera; needed by networks with an image")
+    sensor: SensorName | None = Field(default=None, description="name or file of the sensors' description; needed with touches")
+    untouched: Image | None = Field(
+        default=None, description="tactile image of the sensor without contact; by default the one that the model was trained with"
+    )
+    accept_photographs: bool = Field(
+        default=False,
+        description="accept tactile images that seem altered: colours exchanged, turned, mirrored, grey, another exposure or sensor",
+    )
+    touches: tuple[ObservedTouch, ...] = Field(
+        default=(),
+        max_length=MAX_TOUCHES,
+        description=f"touches, at most {MAX_TOUCHES}; needed by networks with touch, unless `depth_as_touch`",
+    )
 
     def __init__(self, **entries: Any) -> None:
         try:

@@ -78,11 +78,11 @@ def place_observation(checked: CheckedObservation) -> Placement:
         image, shown_share = transfer_view(photograph, real, camera, target.resolution, fill)
         remarks += _view_remarks(target.projection, real, centre, factor, shown_share)
         remarks += _mask_remarks(view, box, target, checked)
-    charts = np.zeros((0, inputs.side**2, 3), np.float32)
+    charts: NDArray[np.float32] = np.zeros((0, inputs.side**2, 3), np.float32)
     if view is not None and view.camera.metres is not None and view.camera.depth_as_touch and inputs.touch:
         intrinsic, rotation = split_projection(view.matrix)
-        charts = visible_charts(view.camera.metres, view.camera.object_pixels, intrinsic, inputs.side)
-        charts = transform_points(to_network, charts @ rotation + optical_centre(view.matrix)).astype(np.float32)
+        seen = visible_charts(view.camera.metres, view.camera.object_pixels, intrinsic, inputs.side) @ rotation
+        charts = transform_points(to_network, seen + optical_centre(view.matrix)).astype(np.float32)
     remarks += _touch_remarks(checked, target, len(charts))
     return Placement(checked, to_network, image, camera, compose(to_network, observation.sensor_poses), charts, remarks)
 
@@ -199,7 +199,7 @@ def _touch_remarks(
             yield f"tactile images resampled from {cols} x {rows} to {sensor.cols} x {sensor.rows} pixels"
         if observation.untouched is None:
             yield f"untouched image: that of the model's sensor, {sensor.name}"
-        if turned := [observation.name_of(number) for number in np.flatnonzero(facing_away(observation, checked.box))]:
+        if turned := [observation.name_of(number) for number, is_away in enumerate(facing_away(observation, checked.box)) if is_away]:
             yield f"warning: {', '.join(turned)} face away from the object's centre: +z must point out of the gel"
     if camera is not None and camera.metres is not None:
         if camera.depth_as_touch and inputs.touch:

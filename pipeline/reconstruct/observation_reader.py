@@ -84,25 +84,22 @@ class ObservationReader:
     @cached_property
     def target(self) -> Target:
         """The model as observations are checked against it; no sensor if tactile images cannot be read."""
-        sensor = self.unet.sensor if self.model.touch and self._has_unet() else None
+        sensor = self.unet.sensor if self.model.touch and f"{self._unet_name}.json" in list_folder(self.models) else None
         return Target.model_construct(**dict(self.model.trained), sensor=sensor)
 
     @cached_property
     def unet(self) -> TouchModel:
         """Load the network beside the models that makes the points for charts: the U-Net, or the local network."""
-        name, label = self._unet_name()
-        if not self._has_unet():
+        if f"{self._unet_name}.json" not in list_folder(self.models):
+            label = {"touch": "local network", "unet": "U-Net"}[self._unet_name]
             raise StageError(
                 f"{self.models} has no {label}, which makes points of tactile images; name the models of a data directory with one"
             )
-        return load_touch_model(DataDirectory(self.models).verified_folder(name), self.device)
+        return load_touch_model(DataDirectory(self.models).verified_folder(self._unet_name), self.device)
 
-    def _unet_name(self) -> tuple[str, str]:
-        """Name its folder below the models, and what it is."""
-        return ("touch", "local network") if self._chart_settings().cloud == "local" else ("unet", "U-Net")
-
-    def _has_unet(self) -> bool:
-        return f"{self._unet_name()[0]}.json" in list_folder(self.models)
+    @property
+    def _unet_name(self) -> str:
+        return "touch" if self._chart_settings.cloud == "local" else "unet"
 
     def _charts(
         self,
@@ -115,11 +112,12 @@ class ObservationReader:
         flags = np.array([len(cloud) > 0 if flag == "auto" else flag for cloud, flag in zip(clouds, touched, strict=True)])
         touched_clouds = [cloud if flag else cloud[:0] for cloud, flag in zip(clouds, flags, strict=True)]
         generators = [torch_generator(self.seed, "predict", number) for number in range(len(touched_clouds))]
-        options = self._chart_settings().fit_options(sensor.width)
+        options = self._chart_settings.fit_options(sensor.width)
         fits = fit_charts(touched_clouds, sensor.width, generators, aspect=sensor.aspect, options=options)
         vertices = [sensor_to_world(pose, *chart.T) for pose, chart in zip(poses, fits.vertices, strict=True)]
         return np.array(vertices, np.float32), flags & is_surface(fits.stop_rule)
 
+    @cached_property
     def _chart_settings(self) -> ChartSettings:
         trained = self.model.trained
         try:

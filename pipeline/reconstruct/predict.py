@@ -18,7 +18,7 @@ from pipeline.models.families import load_reconstructor, model_name, trained_fol
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, close_reconstruction
 from pipeline.models.shipped_weights import DEFAULT, SHIPPED, shipped_models
-from pipeline.reconstruct.mesh_files import ClosedMesh, check_output, write_charts, write_closed, write_joined
+from pipeline.reconstruct.mesh_files import ClosedMesh, check_output, write_charts, write_closed
 from pipeline.reconstruct.network_error import error_note
 from pipeline.reconstruct.object_location import turn_to_z
 from pipeline.reconstruct.observation_checks import check
@@ -241,10 +241,10 @@ def _write(out: Path, prediction: Prediction, surface: Surface) -> list[Path]:
     if prediction.closed is not None:
         write_closed(out, prediction.closed, to_metres)
         return [out]
-    if prediction.reconstruction.is_whole:  # joined already
-        surface = "charts"
     beside = out.with_name(f"{out.stem}-joined{out.suffix}")
-    files = {"charts": {out: write_charts}, "joined": {out: write_joined}}.get(surface, {out: write_charts, beside: write_joined})
-    for path, write in files.items():
-        write(path, prediction.reconstruction, to_metres)
-    return list(files)
+    joined = {"joined": {out: True}, "both": {out: False, beside: True}}.get(surface, {out: False})
+    if prediction.reconstruction.is_whole:  # joined already
+        joined = {out: False}
+    for path, is_joined in joined.items():
+        write_charts(path, prediction.reconstruction, to_metres, joined=is_joined)
+    return list(joined)

@@ -20,7 +20,7 @@ from pipeline.models.shipped_weights import DEFAULT, read_card
 from pipeline.store import digest
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
-from pipeline.store.publish import FolderOutput
+from pipeline.store.publish import withdraw
 from pipeline.store.storage import Location
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
@@ -86,7 +86,7 @@ def score_shipped(data: Location, console: Console) -> list[str]:
         )
         _measured(directory, EvaluateShipped(), settings, console)
     else:  # what was measured before is of a dataset that is gone
-        FolderOutput(directory, SHIPPED_SCORES).withdraw()
+        withdraw(directory.folder_record(SHIPPED_SCORES))
     return reasons
 
 

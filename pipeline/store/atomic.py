@@ -54,7 +54,7 @@ def write_atomically(path: Location, content: bytes, *, durable: bool = True) ->
                 os.fsync(file.fileno())
         temporary_file.replace(path)
     if durable:
-        flush(path.parent)
+        flush([path.parent])
 
 
 @contextmanager
@@ -78,12 +78,11 @@ def atomic_writes(folder: Location) -> Iterator[Path]:
             yield new_files
             names = sorted(files_below(new_files))
             refuse_links(folder, names)
-            flush_folder(new_files)
+            flush([*new_files.rglob("*"), new_files])
             for name in names:
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 (new_files / name).replace(folder / name)
-            for parent in {(folder / name).parent for name in names}:
-                flush(parent)
+            flush({(folder / name).parent for name in names})
         finally:
             shutil.rmtree(work, ignore_errors=True)
             if not existed:
@@ -169,19 +168,14 @@ def create(path: Location, content: bytes) -> None:
                 file.write(content)
 
 
-def flush(path: Path) -> None:
-    """Flush the content of a file, or the entries of a folder, to the disk."""
-    opened = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(opened)
-    finally:
-        os.close(opened)
-
-
-def flush_folder(folder: Path) -> None:
-    """Flush a folder and everything in it to the disk."""
-    for path in [*folder.rglob("*"), folder]:
-        flush(path)
+def flush(paths: Iterable[Path]) -> None:
+    """Flush the content of files, and the entries of folders, to the disk."""
+    for path in paths:
+        opened = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(opened)
+        finally:
+            os.close(opened)
 
 
 def move_folder(source: Path, target: Location) -> None:
@@ -195,7 +189,7 @@ def move_folder(source: Path, target: Location) -> None:
         if superfluous := files_below(target).keys() - names:
             remove_files(target, superfluous)
         return
-    flush_folder(source)
+    flush([*source.rglob("*"), source])
     target.parent.mkdir(parents=True, exist_ok=True)
     previous = target.with_name(target.name + TEMPORARY)
     shutil.rmtree(previous, ignore_errors=True)
@@ -206,18 +200,13 @@ def move_folder(source: Path, target: Location) -> None:
     except OSError as error:
         if error.errno != errno.EXDEV:
             raise
-        _move_to_other_disk(source, target)
-    flush(target.parent)
+        beside = target.with_name(f"{target.name}.{uuid.uuid4().hex}{TEMPORARY}")  # a symbolic link leads to another disk
+        shutil.copytree(source, beside)
+        flush([*beside.rglob("*"), beside])
+        beside.replace(target)
+        shutil.rmtree(source)
+    flush([target.parent])
     shutil.rmtree(previous, ignore_errors=True)
-
-
-def _move_to_other_disk(source: Path, target: Path) -> None:
-    """Move a folder to where a symbolic link leads to: readers see all of it, or nothing."""
-    beside = target.with_name(f"{target.name}.{uuid.uuid4().hex}{TEMPORARY}")
-    shutil.copytree(source, beside)
-    flush_folder(beside)
-    beside.replace(target)
-    shutil.rmtree(source)
 
 
 @contextmanager

@@ -1,11 +1,14 @@
-"""Data directories: the paths of shards, folders and records, and whether each was made from the current inputs."""
+"""Data directories: the paths of shards, folders and records, and all shards of an artifact as one collection of objects."""
 
 import fnmatch
 import hashlib
+import json
 import re
 import shlex
-from collections.abc import Iterator, Mapping
-from functools import partial
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cached_property, partial
+from itertools import takewhile
 from pathlib import Path
 
 from pydantic import Field, ValidationError
@@ -16,22 +19,18 @@ from pipeline.errors import StoreError, first_line
 from pipeline.formats.file_content import without_mark
 from pipeline.store import digest
 from pipeline.store.atomic import create
-from pipeline.store.collection import Collection
 from pipeline.store.digest import hashes_of
-from pipeline.store.record import FolderRecord, ShardRecord, read_record
-from pipeline.store.shard import Shard
+from pipeline.store.record import Failure, FolderRecord, RowRecord, ShardRecord, read_record
+from pipeline.store.shard import RowView, Shard
 from pipeline.store.storage import Location, as_location, cache_of, copy, exists, files_below, list_folder, map_in_threads, read_bytes
 from schemas.base import Artifact
 from schemas.catalogue import ARTIFACTS
 from schemas.folders import RECORD, TREES, maker_of
 
 DESCRIPTION = "dataset.json"
-WORK = ".work"
-"""The folder of unfinished work."""
-SHARD_RECORD = "[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json"
-"""The pattern of the names of shards' records."""
-
-_VERSION = re.compile(r".+-[0-9a-f]{16}(\.zarr)?")
+WORK = ".work"  # the folder of unfinished work
+SHARD_RECORD = "[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json"  # the pattern of the names of shards' records
+_VERSION = re.compile(r"(.+)-[0-9a-f]{16}(\.zarr)?")
 
 
 class DatasetDescription(Entries):
@@ -91,7 +90,7 @@ class DataDirectory:
 
     def shard_record(self, artifact: str, number: int, shards: int) -> Location:
         """Return the path of a shard's record."""
-        return self.root / artifact / f"{shard_name(number, shards)}.json"
+        return self.root / artifact / f"{number:04d}-of-{shards:04d}.json"
 
     def shard_records(self, *artifacts: str) -> list[Location]:
         """List the paths of all records of shards, of these artifacts or of all, of any number of shards."""
@@ -101,11 +100,11 @@ class DataDirectory:
             records += map(folder.joinpath, fnmatch.filter(sorted(list_folder(folder)), SHARD_RECORD))
         return records
 
-    def collection(self, artifact: Artifact) -> Collection:
+    def collection(self, artifact: Artifact) -> "Collection":
         """Open the published shards of an artifact."""
         if artifact.name not in self._collections:
             folder, shards = self.root / artifact.name, self.shards()
-            paths = [path for path in self.shard_records(artifact.name) if has_shard_count(path, shards)]
+            paths = [path for path in self.shard_records(artifact.name) if path.stem.endswith(f"-of-{shards or 0:04d}")]
             records = map_in_threads(partial(read_record, kind=ShardRecord), paths)
             self._collections[artifact.name] = Collection(folder, artifact, [Shard(folder, artifact, record) for record in records])
         return self._collections[artifact.name]
@@ -127,7 +126,7 @@ class DataDirectory:
         """List the names of the published folders."""
         trees = (f"{where}/{name}" for where in TREES for name in files_below(self.root / where))
         records = [name for name in list_folder(self.root) if RECORD.fullmatch(name)]
-        records += [path for path in trees if path.endswith(".json") and not any(map(is_version, path.split("/")))]
+        records += [path for path in trees if path.endswith(".json") and not any(map(record_of, path.split("/")))]
         return sorted(path.removesuffix(".json") for path in records)
 
     def record_folders(self) -> list[Location]:
@@ -135,8 +134,8 @@ class DataDirectory:
         folders = {"", *ARTIFACTS}
         for where in TREES:
             for name in files_below(self.root / where):
-                parts = f"{where}/{name}".split("/")[:-1]
-                folders.add("/".join(parts[: next((index for index, part in enumerate(parts) if is_version(part)), len(parts))]))
+                parents = takewhile(lambda part: not record_of(part), f"{where}/{name}".split("/")[:-1])
+                folders.add("/".join(parents))
         return [self.root / name for name in sorted(folders)]
 
     def folder(self, name: str) -> FolderRecord:
@@ -147,11 +146,11 @@ class DataDirectory:
         """Return the path of the folder that a record names."""
         return (self.root / name).with_name(self.folder(name).location)
 
-    def folder_problems(self, name: str, local: Path | None = None) -> Iterator[str]:
-        """Compare the files of a folder, or of its local copy, with its record; yield a line for each that differs."""
+    def folder_problems(self, name: str, local: Path | None = None) -> list[str]:
+        """Compare the files of a folder, or of its local copy, with its record; return a line for each that differs."""
         record, folder = self.folder(name), self.folder_path(name)
-        for file, problem in changed_files(local or folder, record.files).items():
-            yield f"{file} {problem}; delete {folder} and run {made_by(name, record)} again"
+        remedy = f"delete {folder} and run {made_by(name, record)} again"
+        return [f"{file} {problem}; {remedy}" for file, problem in changed_files(local or folder, record.files).items()]
 
     def verified_folder(self, name: str) -> Path:
         """Return the folder that a record names, or a local copy if it is in object storage; refuse missing or changed files."""
@@ -159,13 +158,115 @@ class DataDirectory:
         local = folder if isinstance(folder, Path) else cache_of(folder)
         if local != folder and changed_files(local, record.files):
             copy(folder, local, files_below(folder).keys() & record.files)
-        if problem := next(self.folder_problems(name, local), None):
-            raise StoreError(f"{folder}: {problem}")
+        if problems := self.folder_problems(name, local):
+            raise StoreError(f"{folder}: {problems[0]}")
         return local
 
     def work(self, name: str) -> Location:
         """Return the work folder of an artifact or folder."""
         return self.root / WORK / name
+
+
+class Collection:
+    """The objects of an artifact whose shards have been published."""
+
+    def __init__(self, folder: Location, artifact: Artifact, shards: Sequence[Shard]) -> None:
+        self.folder = folder
+        self.artifact = artifact
+        self.shards = shards
+        self._not_made = f"{folder} has not been made; run `vt-pipeline run {artifact.stage}` first"
+        self._shard_of = {object_id: shard for shard in shards for object_id in shard.position}
+
+    def __contains__(self, object_id: object) -> bool:
+        return object_id in self._shard_of
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(sorted(self._shard_of))
+
+    def __len__(self) -> int:
+        return len(self._shard_of)
+
+    def shard(self, object_id: str) -> Shard:
+        """Find the shard that holds an object; raise a `StoreError` if none does."""
+        try:
+            return self._shard_of[object_id]
+        except KeyError:
+            if not self.shards:
+                raise StoreError(self._not_made) from None
+            record = self.shards[0].record
+            raise StoreError(
+                f"{self.folder}, of manifest {record.manifest}, has no object {object_id}; name that manifest, or "
+                f"run `vt-pipeline run {record.stage}` first, for all objects"
+            ) from None
+
+    def row(self, object_id: str) -> RowRecord:
+        """Return the record of an object's row."""
+        return self.shard(object_id).row(object_id)
+
+    @cached_property
+    def missing(self) -> dict[str, Failure]:
+        """The objects that incomplete shards lack, each as a failure."""
+        lacking = sorted((name, shard.record.stage) for shard in self.shards for name in shard.record.missing)
+        return {name: Failure(stage=stage, reason="not made yet") for name, stage in lacking}
+
+    def failure(self, object_id: str) -> Failure | None:
+        """Return the reason why an object has no row; None where it has one."""
+        return self.missing.get(object_id) or self.row(object_id).failure
+
+    def view(self, object_id: str) -> RowView:
+        """Open an object's row."""
+        return RowView(self.shard(object_id), object_id)
+
+    @cached_property
+    def first(self) -> Shard:
+        """Return the first shard with a row: others lack sizes.; settings, attributes and constants are the same in all."""
+        if not self.shards:
+            raise StoreError(self._not_made)
+        self.check_alike()
+        return next((shard for shard in self.shards if shard.has_rows), self.shards[0])
+
+    def check_alike(self) -> None:
+        """Raise a `StoreError` if shards differ in settings, seed, models or constants: they do not belong together."""
+        for other in (shard.record for shard in self.shards[1:]):
+            first = self.shards[0].record
+            remedy = f"run `vt-pipeline run {first.stage}` for all shards"
+            made, made_otherwise = _made_with(first), _made_with(other)
+            if names := [name for name in {**made, **made_otherwise} if made.get(name) != made_otherwise.get(name)]:
+                differences = [f"{name} {made.get(name, 'unset')} and {made_otherwise.get(name, 'unset')}" for name in names]
+                numbers = " and ".join(record.location.rpartition("-")[0] for record in (first, other))
+                raise StoreError(
+                    f"{self.folder}: its shards {numbers} were made with different settings ({'; '.join(differences)}); "
+                    f"{remedy} with the same --preset, --set and --seed"
+                )
+            if first.constants_digest != other.constants_digest:
+                raise StoreError(f"{self.folder} has shards of different scenes or sensors; {remedy}")
+
+    def processors(self) -> Counter[str]:
+        """Count the rows by the kind of processor that computed them."""
+        kinds = Counter(shard.record.processor_of(row) for shard in self.shards for row in shard.record.rows)
+        return Counter({kind: count for kind, count in kinds.items() if kind})
+
+    def digest(self) -> str:
+        """Compute the digest of all objects; it depends neither on the number of shards nor on the versions that made them."""
+        shared = {
+            digest.of_json([shard.record.constants_digest, {k: v for k, v in shard.attributes.items() if k != "failures"}])
+            for shard in self.shards
+        }
+        rows = ((row.object_id, f"{row.digest} {row.split}") for shard in self.shards for row in shard.record.rows)
+        return digest.of_rows(rows, {"shared": sorted(shared)})
+
+    def rows_digest(self, splits: Iterable[str]) -> str:
+        """Compute the digest of what a dataset stage depends on: the rows of the splits' objects, their split, and the constants."""
+        split_names = set(splits)
+        rows = [(name, row.split, row.digest) for name in self if (row := self.row(name)).split in split_names]
+        constants = sorted({shard.record.constants_digest for shard in self.shards})
+        return digest.of_json({"rows": rows, "constants": constants})
+
+
+def _made_with(record: ShardRecord) -> dict[str, str]:
+    """List the settings, seed and models that a shard was made with, as texts that fit into a message."""
+    settings = {name: json.dumps(value, sort_keys=True) for name, value in record.settings.items()}
+    return {**settings, "--seed": str(record.seed), **{name: made_of[:16] for name, made_of in record.models.items()}}
 
 
 def made_by(name: str, record: FolderRecord) -> str:
@@ -185,26 +286,12 @@ def shard_of(object_id: str, shards: int) -> int:
     return int(hashlib.sha256(object_id.encode()).hexdigest(), 16) % shards
 
 
-def shard_name(number: int, shards: int) -> str:
-    """Name the record of a shard; the names of its groups begin with it."""
-    return f"{number:04d}-of-{shards:04d}"
-
-
-def has_shard_count(record: Location, shards: int | None) -> bool:
-    """Check whether a record belongs to a dataset with this number of shards."""
-    return record.stem.endswith(f"-of-{shards or 0:04d}")
-
-
 def versioned(name: str, content: object) -> str:
     """Name a group or folder after its content, so that writing one never changes what readers of another see."""
     return f"{name}-{digest.of_json(content)[:16]}"
 
 
-def is_version(name: str) -> bool:
-    """Check whether a group or folder has a name made by `versioned`."""
-    return _VERSION.fullmatch(name) is not None
-
-
-def unversioned(name: str) -> str:
-    """Return the name that `versioned` was given."""
-    return name.rpartition("-")[0]
+def record_of(version: str) -> str:
+    """Return the name of the record of a group or folder that `versioned` named; "" for another name."""
+    named = _VERSION.fullmatch(version)
+    return f"{named[1]}.json" if named else ""

@@ -9,17 +9,19 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+from pipeline.errors import StoreError
 from pipeline.store.atomic import write_atomically
-from pipeline.store.directory import SHARD_RECORD, WORK, DataDirectory, is_version, unversioned
+from pipeline.store.directory import SHARD_RECORD, WORK, DataDirectory, record_of
 from pipeline.store.record import named_location
 from pipeline.store.storage import TEMPORARY, Location, files_below, list_folder, remove, remove_files
+from schemas.catalogue import ARTIFACTS
 from schemas.folders import RECORD, TREES
 
 GRACE_SECONDS = 3600.0
 """How long a replaced group is kept: readers may still have it open."""
 
 UNFINISHED_SECONDS = 7 * 86_400.0
-"""How long unfinished work in object storage is kept at least: the rows of a shard wait there until all of them are made."""
+"""How long unfinished work is kept at least: the rows of a shard wait there until all of them are made."""
 
 REPLACED = ".replaced"
 """A marker file written into a folder in object storage when the folder is replaced: its age counts as the folder's. A run that loses a
@@ -40,8 +42,10 @@ def unreferenced(directory: DataDirectory, folder: Location, older_than: float =
         if _UNFINISHED.fullmatch(name) or (name.endswith(TEMPORARY) and _is_ours(directory, folder, name.removesuffix(TEMPORARY))):
             if _age(folder / name) > older_than:
                 yield folder / name
-        elif is_folder and is_version(name) and (isinstance(folder, Path) or files_below(folder / name)):  # some servers list empty folders
-            versions.setdefault(f"{unversioned(name)}.json", []).append(name)
+        elif (
+            is_folder and (record := record_of(name)) and (isinstance(folder, Path) or files_below(folder / name))
+        ):  # some servers list empty folders
+            versions.setdefault(record, []).append(name)
     records = list_folder(folder) if versions else {}  # after the versions were listed: a record that was published meanwhile is there
     for record, names in versions.items():
         has_record = records.get(record) is False  # neither missing nor a folder
@@ -54,6 +58,11 @@ def unreferenced(directory: DataDirectory, folder: Location, older_than: float =
                 yield folder / name
 
 
+def _exists(folder: Location) -> bool:
+    """Check whether a listed folder exists: some servers of object storage list empty ones."""
+    return isinstance(folder, Path) or bool(files_below(folder))
+
+
 def _is_replaced(record: Location, name: str) -> bool:
     """Check whether a record names another version than this one; a damaged record may have named it."""
     return named_location(record) not in (None, name)
@@ -61,12 +70,12 @@ def _is_replaced(record: Location, name: str) -> bool:
 
 def _is_ours(directory: DataDirectory, folder: Location, name: str) -> bool:
     """Check whether a run gives a group or folder in this folder such a name."""
-    record = f"{unversioned(name)}.json" if is_version(name) else ""
+    record = record_of(name)
     if folder == directory.root:
         return RECORD.fullmatch(record) is not None
     if folder.parent == directory.root and folder.name not in TREES:  # an artifact's
         return fnmatch.fnmatch(record, SHARD_RECORD) and name.endswith(".zarr")
-    return is_version(name)
+    return bool(record)
 
 
 def collect(directory: DataDirectory, folder: Location, older_than: float = GRACE_SECONDS) -> list[Location]:
@@ -102,15 +111,30 @@ def mark_replaced(path: Location) -> None:
 def collect_everything(directory: DataDirectory, older_than: float = GRACE_SECONDS) -> list[Location]:
     """Remove from a data directory what no record names and is older than `older_than`, s; return what was removed.
 
-    In object storage, this includes unfinished work of a week ago or earlier: there, a run removes only its own.
+    This includes unfinished work of a week ago or earlier: in object storage all of it, for there a run removes only its
+    own; on a disk the rows that a run had published when it was killed.
     """
     removed = [path for folder in directory.record_folders() for path in collect(directory, folder, older_than)]
-    work = directory.root / WORK
-    if not isinstance(work, Path):
-        expired = [name for name, file in files_below(work).items() if time.time() - file.written > max(older_than, UNFINISHED_SECONDS)]
+    work, oldest = directory.root / WORK, max(older_than, UNFINISHED_SECONDS)
+    expired = [name for name, file in files_below(work).items() if time.time() - file.written > oldest]
+    if isinstance(work, Path):
+        published = _published_rows(directory) if expired and not _link_to(directory, work) else set()
+        expired = [name for name in expired if name in published]
+        for name in expired:
+            remove(work / name)
+    else:
         remove_files(work, expired)
-        removed += [work / name for name in expired]
-    return removed
+    return removed + [work / name for name in expired]
+
+
+def _published_rows(directory: DataDirectory) -> set[str]:
+    """Name the files, below the work folder, in which the published rows waited."""
+    files: set[str] = set()
+    for name in directory.artifact_names():
+        with suppress(StoreError):  # a record is damaged
+            shards = directory.collection(ARTIFACTS[name]).shards
+            files |= {f"{name}/rows/{row.object_id}/{row.key}.row" for shard in shards for row in shard.record.rows}
+    return files
 
 
 def links(directory: DataDirectory) -> list[Path]:

@@ -9,7 +9,7 @@ from typing import Any
 import google_crc32c
 import numpy as np
 from numcodecs import blosc
-from pydantic_zarr.v3 import ArraySpec, GroupSpec
+from pydantic_zarr.v3 import ArraySpec
 
 from schemas.base import FIXED, INDEXED_DIMS, Array, Artifact
 
@@ -23,7 +23,6 @@ SMALL_CHUNK = 16 * 1024
 """Bytes below which splitting further costs more in headers than it saves in reading."""
 
 AnyArray = ArraySpec[Any]
-AnyGroup = GroupSpec[Any, Any]
 
 _CHUNK_KEYS: Any = {"name": "default", "configuration": {"separator": "/"}}
 _FILL: dict[str, Any] = {"bool": False, "string": ""}
@@ -92,39 +91,19 @@ def shuffle_stride(array: Array) -> int:
     return numpy_dtype(array).itemsize * (FIXED["rgb"] if array.dims[-1] == "rgb" else 1)
 
 
-def group_spec(artifact: Artifact, shapes: Mapping[str, tuple[int, ...]], attributes: Mapping[str, Any]) -> AnyGroup:
-    """Specify a shard from the shape of every array, by its path below the root, and the root's attributes."""
-    tree: dict[str, Any] = {}
-    for path, shape in shapes.items():
-        *parents, leaf = path.split("/")
-        node = tree
-        for parent in parents:
-            node = node.setdefault(parent, {})
-        array = artifact.of(schema_name(path))
-        if array is None:
-            raise ValueError(f"{artifact.name} has no array {path}; its schema names {sorted(artifact.arrays)}")
-        node[leaf] = array_spec(array, shape)
-    return GroupSpec(attributes=dict(attributes), members=_members(tree))
-
-
-def _members(tree: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: node if isinstance(node, ArraySpec) else GroupSpec(attributes={}, members=_members(node)) for name, node in tree.items()}
-
-
 def schema_name(path: str) -> str:
     """Return the name of a path in its schema: `meshes/OBJECT_ID/faces` is `meshes/faces`."""
     parts = path.split("/")
     return "/".join((parts[0], parts[-1])) if len(parts) == 3 else path
 
 
-def schema_violations(artifact: Artifact, group: AnyGroup) -> Iterator[str]:
-    """List the violations of a schema by a stored group, one line each with array and reason."""
-    stored_arrays = dict(_arrays(group))
+def schema_violations(artifact: Artifact, arrays: Mapping[str, AnyArray]) -> Iterator[str]:
+    """List the violations of a schema by a group's arrays, given by path, one line each with array and reason."""
     for name, array in artifact.arrays.items():
-        if name not in stored_arrays and not array.optional:
+        if name not in arrays and not array.optional:
             yield f"{name}: the array is missing"
     sizes: dict[str, tuple[int, str]] = {}
-    for path, stored in stored_arrays.items():
+    for path, stored in arrays.items():
         declaration = artifact.of(schema_name(path))
         if declaration is None:
             yield f"{path}: the schema has no such array"
@@ -148,18 +127,7 @@ def array_violations(path: str, declaration: Array, stored: AnyArray) -> Iterato
             yield f"{path}: dimension {dim} has size {size}, the schema says {FIXED[dim]}"
 
 
-def _arrays(group: AnyGroup, prefix: str = "") -> Iterator[tuple[str, AnyArray]]:
-    for name, member in (group.members or {}).items():
-        if isinstance(member, GroupSpec):
-            yield from _arrays(member, f"{prefix}{name}/")
-        else:
-            yield f"{prefix}{name}", member
-
-
 blosc.use_threads = False  # threads would write a chunk's blocks in the order in which they finish: equal values, other bytes
-
-ABSENT = (2**64 - 1, 2**64 - 1)
-"""Offset and size of a missing chunk in the index of a file: Zarr reads the fill value."""
 
 
 def encode_array(array: Array | None, values: np.ndarray) -> list[bytes]:
@@ -169,7 +137,7 @@ def encode_array(array: Array | None, values: np.ndarray) -> list[bytes]:
     if array is None:
         return [with_checksum(values.tobytes())]
     stored = values[None] if array.per_object else values
-    return [encode_chunk(array, stored[block]) for block in _blocks(stored.shape, chunk_shape(array, values.shape))]
+    return [encode_chunk(array, stored[block]) for block in _blocks(array, stored.shape)]
 
 
 def decode_array(array: Array | None, shape: Sequence[int], dtype: str, chunks: Iterable[bytes]) -> np.ndarray:
@@ -178,25 +146,19 @@ def decode_array(array: Array | None, shape: Sequence[int], dtype: str, chunks: 
         return np.array(json.loads(without_checksum(next(iter(chunks)))))
     if array is None:
         return np.frombuffer(without_checksum(next(iter(chunks))), dtype).reshape(shape)
-    block_shape = chunk_shape(array, shape)
-    values = [np.frombuffer(blosc.decompress(without_checksum(chunk)), dtype).reshape(block_shape) for chunk in chunks]
-    decoded = np.empty((1, *shape) if len(block_shape) > len(shape) else tuple(shape), dtype)
-    for block, value in zip(_blocks(decoded.shape, block_shape), values, strict=True):
-        decoded[block] = value
+    decoded = np.empty((1, *shape) if array.per_object else tuple(shape), dtype)
+    for block, chunk in zip(_blocks(array, decoded.shape), chunks, strict=True):
+        decoded[block] = np.frombuffer(blosc.decompress(without_checksum(chunk)), dtype).reshape(decoded[block].shape)
     return decoded.reshape(shape)
 
 
-def _blocks(shape: Sequence[int], block_shape: Sequence[int]) -> list[tuple[slice, ...]]:
-    """List the parts that an array is cut into, in C order; an empty array has none."""
+def _blocks(array: Array, shape: Sequence[int]) -> list[tuple[slice, ...]]:
+    """List the chunks of one object's array, with the object's axis where it has one, in C order; an empty array has none."""
     if not math.prod(shape):
         return []
-    starts = product(*(range(0, size, step) for size, step in zip(shape, block_shape, strict=True)))
-    return [tuple(slice(start, start + step) for start, step in zip(corner, block_shape, strict=True)) for corner in starts]
-
-
-def chunk_shape(array: Array, shape: Sequence[int]) -> tuple[int, ...]:
-    """Return the shape of a chunk of one object's array, with the object's axis where the array has one."""
-    return chunking(array, (1, *shape))[1] if array.per_object else tuple(shape)
+    chunk = chunking(array, tuple(shape))[1]
+    starts = product(*(range(0, size, step) for size, step in zip(shape, chunk, strict=True)))
+    return [tuple(slice(start, start + step) for start, step in zip(corner, chunk, strict=True)) for corner in starts]
 
 
 def encode_chunk(array: Array, values: np.ndarray) -> bytes:
@@ -205,17 +167,6 @@ def encode_chunk(array: Array, values: np.ndarray) -> bytes:
     shuffle = blosc.SHUFFLE if stride > 1 else blosc.NOSHUFFLE
     compressed: bytes = blosc.compress(np.ascontiguousarray(values), b"zstd", LEVEL, shuffle, 0, stride)
     return with_checksum(compressed)
-
-
-def shard_file(chunks: Iterable[bytes | None]) -> Iterator[bytes]:
-    """Lay out a file of `sharding_indexed`: the existing chunks, then the index of all, in C order, with its checksum."""
-    offset, index = 0, []
-    for chunk in chunks:
-        index.append(ABSENT if chunk is None else (offset, len(chunk)))
-        if chunk is not None:
-            offset += len(chunk)
-            yield chunk
-    yield with_checksum(np.array(index, "<u8").tobytes())
 
 
 def with_checksum(content: bytes) -> bytes:

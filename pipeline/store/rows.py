@@ -1,7 +1,7 @@
 """Rows, one object's part of an artifact: checks, digests, and the files in which finished rows wait for their shard."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +13,8 @@ from pipeline.formats.file_content import regular_stat
 from pipeline.store import digest
 from pipeline.store.atomic import write_atomically
 from pipeline.store.layout import decode_array, encode_array, numpy_dtype, with_checksum, without_checksum
-from pipeline.store.record import Failure
-from pipeline.store.storage import Location, files_below, read_bytes, remove, remove_files
+from pipeline.store.record import Failure, RowRecord
+from pipeline.store.storage import Location, read_bytes, remove, remove_files
 from schemas.base import COMMON, Array, Artifact
 
 Row = dict[str, np.ndarray]
@@ -83,10 +83,19 @@ class Result(Entries):
     bug: str | None = None
     arrays: dict[str, EncodedArray] = Field(default={})  # the row's, in the order of their chunks in the file
 
-    @property
-    def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Map the names of the row's arrays to their shapes."""
-        return {name: array.shape for name, array in self.arrays.items()}
+    def record(self, category: str, split: str, inputs: dict[str, str]) -> RowRecord:
+        """Describe the object's finished row as its shard's record does."""
+        return RowRecord(
+            object_id=self.name,
+            category=category,
+            split=split,
+            key=self.key,
+            digest=self.digest,
+            inputs=inputs,
+            seconds=round(self.seconds, 4),
+            processor=self.processor,
+            failure=self.failure,
+        )
 
 
 class RowFiles:
@@ -104,22 +113,31 @@ class RowFiles:
 
     def save(self, result: Result, row: Row, category: str = "") -> Result:
         """Write a unit's row or failure, and return its result. Nothing is flushed: a row lost in a power cut is computed again."""
-        chunks = encode_row(self.artifact, row)
+        chunks = {name: encode_array(self._declaration(name), value) for name, value in row.items()}
         arrays = {
             name: EncodedArray(shape=value.shape, dtype=value.dtype.str, sizes=tuple(map(len, chunks[name]))) for name, value in row.items()
         }
         saved = result.model_copy(update={"digest": row_digest(row, result.failure, category), "arrays": arrays})
         footer = with_checksum(saved.model_dump_json().encode())
-        parts = [chunk for name in row for chunk in chunks[name]]
-        write_atomically(
-            self.path(result.name, result.key), b"".join([*parts, footer, len(footer).to_bytes(SIZE, "little")]), durable=False
-        )
+        content = [*(chunk for encoded in chunks.values() for chunk in encoded), footer, len(footer).to_bytes(SIZE, "little")]
+        write_atomically(self.path(result.name, result.key), b"".join(content), durable=False)
         return saved
 
     def find(self, name: str, key: str) -> Result | None:
-        """Read the result of a unit; None if its file is missing, damaged or of another unit."""
+        """Read the result of a unit; None if its file is missing, damaged or of another unit. On a disk, only its footer is read."""
+        path = self.path(name, key)
         try:
-            result = Result.model_validate_json(without_checksum(_footer(self.path(name, key))))
+            if isinstance(path, Path):
+                regular_stat(path)
+                with path.open("rb") as file:
+                    end = file.seek(-SIZE, os.SEEK_END)
+                    size = min(int.from_bytes(file.read(), "little"), end)
+                    file.seek(end - size)
+                    footer = file.read(size)
+            else:
+                content = read_bytes(path)
+                footer = content[-SIZE - int.from_bytes(content[-SIZE:], "little") : -SIZE]
+            result = Result.model_validate_json(without_checksum(footer))
         except (OSError, ValueError, ValidationError):  # missing, or truncated by a full disk or a crash of the machine
             return None
         return result if (result.name, result.key) == (name, key) else None
@@ -145,40 +163,16 @@ class RowFiles:
         """Read the row of a result; errors are those of `chunks`."""
         chunks = self.chunks(result)
         return {
-            name: decode_array(self.artifact.of(name) if self.artifact else None, array.shape, array.dtype, chunks[name])
-            for name, array in result.arrays.items()
+            name: decode_array(self._declaration(name), array.shape, array.dtype, chunks[name]) for name, array in result.arrays.items()
         }
 
-    def discard(self, name: str, key: str) -> None:
-        """Remove the file of a unit."""
-        remove(self.path(name, key))
-
-    def discard_all(self, keys: Mapping[str, str]) -> None:
-        """Remove the files of units, given as names with keys; on a disk, where this run holds the lock, also those of other keys."""
+    def discard(self, results: Iterable[Result]) -> None:
+        """Remove the files of units; on a disk, where this run holds the lock, also those of other keys."""
         if isinstance(self.folder, Path):
-            for name in keys:
-                remove(self.folder / name)
+            for result in results:
+                remove(self.folder / result.name)
         else:
-            remove_files(self.folder, [f"{name}/{key}.row" for name, key in keys.items()])
+            remove_files(self.folder, [f"{result.name}/{result.key}.row" for result in results])
 
-    def count(self) -> int:
-        """Count the rows that wait to be published."""
-        return sum(name.endswith(".row") for name in files_below(self.folder))
-
-
-def encode_row(artifact: Artifact | None, row: Row) -> Chunks:
-    """Encode a row, array by array."""
-    return {name: encode_array(artifact.of(name) if artifact else None, value) for name, value in row.items()}
-
-
-def _footer(path: Location) -> bytes:
-    """Read the footer of a file; on a disk, nothing else is read."""
-    if not isinstance(path, Path):
-        content = read_bytes(path)
-        return content[-SIZE - int.from_bytes(content[-SIZE:], "little") : -SIZE]
-    regular_stat(path)
-    with path.open("rb") as file:
-        end = file.seek(-SIZE, os.SEEK_END)
-        size = min(int.from_bytes(file.read(), "little"), end)
-        file.seek(end - size)
-        return file.read(size)
+    def _declaration(self, name: str) -> Array | None:
+        return self.artifact.of(name) if self.artifact else None

@@ -3,7 +3,7 @@
 import hashlib
 import math
 import re
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
@@ -49,6 +49,10 @@ class Shard:
         """Whether any object has a row; without one, arrays have size 0 or are missing."""
         return any(row.failure is None for row in self.record.rows)
 
+    def has(self, name: str) -> bool:
+        """Check whether the root has an array of this name: not every shard has all arrays of its schema."""
+        return name in self.record.metadata
+
     @cached_property
     def group(self) -> zarr.Group:
         """The opened group."""
@@ -80,9 +84,20 @@ class Shard:
         return {name: file for name, file in files_below(self.path).items() if not digest.is_hidden(name)}
 
     @cached_property
-    def _sound_files(self) -> Counter[str]:
+    def _chunk_files(self) -> Counter[str]:
         """The number of non-empty chunk files by array."""
         return Counter(_CHUNK.sub("", name) for name, file in self._files.items() if file.bytes)
+
+    @cached_property
+    def ragged(self) -> dict[str, list[str]]:
+        """The names of the ragged arrays that each object has, as its row names them."""
+        groups = {pattern.split("/")[0] for pattern in self.artifact.ragged}
+        ragged: dict[str, list[str]] = defaultdict(list)
+        for path in sorted(self._files) if groups else ():
+            match path.split("/"):
+                case group, object_id, leaf, "zarr.json" if group in groups:
+                    ragged[object_id].append(f"{group}/{leaf}")
+        return ragged
 
     @contextmanager
     def errors_as_damage(self, what: str) -> Iterator[None]:
@@ -104,37 +119,30 @@ class Shard:
             return "it was replaced since it was opened: open the dataset again, or run the same command again"
         return f"`vt-pipeline run {self.record.stage} --check`, with its other options as before, makes what is damaged again"
 
-    def has(self, name: str) -> bool:
-        """Check whether the root has an array of this name: not every shard has all arrays of its schema."""
-        return name in self.record.metadata
-
     def array(self, name: str) -> Any:
-        """Open a stored array, by its path below the root; refuse one with missing or empty files, which Zarr would read as zeros."""
+        """Open a stored array, by its path below the root.
+
+        Refused are arrays with missing or empty files, which Zarr would read as zeros, and those that differ from the
+        schema or the record: a stranger's store may be sound otherwise.
+        """
         if name in self._opened:
             return self._opened[name]
-        if "/" not in name:
+        of_object, declared = "/" in name, self.artifact.of(schema_name(name))
+        if not of_object:
             self._check_metadata(name)
         with self.errors_as_damage(f"{name} cannot be opened"):
             array: Any = self.group[name]
             files = math.prod(math.ceil(size / part) for size, part in zip(array.shape, array.shards or array.chunks, strict=True))
-        if (sound := self._sound_files[name]) < files:
+            violations = list(array_violations(name, declared, ArraySpec.from_zarr(array))) if declared else []
+        if (sound := self._chunk_files[name]) < files:
             raise StoreError(f"{self.path}: of {name} {files - sound} of {files} files are missing or empty; {self.remedy}")
-        self._check_declaration(name, array)
-        if "/" not in name:  # ragged arrays are too many to keep: each is of one object
-            self._opened[name] = array
-        return array
-
-    def _check_declaration(self, name: str, array: Any) -> None:
-        """Raise an error if an array differs from its schema or record: a stranger's store may be sound otherwise."""
-        declaration = self.artifact.of(schema_name(name))
-        if declaration is None:
-            return
-        with self.errors_as_damage(f"{name} cannot be opened"):
-            violations = list(array_violations(name, declaration, ArraySpec.from_zarr(array)))
-        if not violations and declaration.per_object and "/" not in name and array.shape[0] != len(self.record.rows):
+        if declared and declared.per_object and not violations and not of_object and array.shape[0] != len(self.record.rows):
             violations = [f"{name}: it has {array.shape[0]} rows, the record {len(self.record.rows)}"]
         if violations:
             raise StoreError(f"{self.path}: {violations[0]}; {self.remedy}")
+        if not of_object:  # the others are too many to keep
+            self._opened[name] = array
+        return array
 
     def read(self, name: str, index: Any = ...) -> np.ndarray:
         """Read an array or a part of it, by its path below the root; raise a `StoreError` if it is lost or damaged."""
@@ -156,15 +164,11 @@ class Shard:
         try:
             self.check_arrays()
             for name in ragged:
-                if not self._sound_files[name]:  # else it is complete: a ragged array is one file, or none where its size is 0
+                if not self._chunk_files[name]:  # else it is complete: a ragged array is one file, or none where its size is 0
                     self.array(name)
         except StoreError:
             return False
         return all(file.bytes for file in self._files.values()) and all(f"{name}/zarr.json" in self._files for name in ragged)
-
-    def view(self, object_id: str) -> "RowView":
-        """Open an object's row; its arrays are read on demand."""
-        return RowView(self, object_id)
 
 
 class RowView(Mapping[str, np.ndarray]):
@@ -192,7 +196,8 @@ class RowView(Mapping[str, np.ndarray]):
         if array is None:
             raise KeyError(f"{self.shard.artifact.name} has no array {name}")
         if "/" in name:
-            value = self.shard.read(self._path(name))
+            group, leaf = name.split("/")
+            value = self.shard.read(f"{group}/{self.object_id}/{leaf}")
         elif not array.per_object:
             value = self.shard.read(name)
         else:
@@ -202,43 +207,23 @@ class RowView(Mapping[str, np.ndarray]):
         return value
 
     def __contains__(self, name: object) -> bool:
-        if isinstance(name, str) and name in self.shard.artifact.arrays:
-            return self.shard.has(name)
-        return name in self._held or any(name == schema_name(path) for path in self.ragged())
-
-    def _path(self, name: str) -> str:
-        group, leaf = name.split("/")
-        return f"{group}/{self.object_id}/{leaf}"
-
-    def ragged(self) -> list[str]:
-        """List the paths below the root of the object's ragged arrays."""
-        paths: list[str] = []
-        with self.shard.errors_as_damage(f"arrays of {self.object_id} cannot be opened"):
-            for name in {pattern.split("/")[0] for pattern in self.shard.artifact.ragged}:
-                group = self.shard.group.get(f"{name}/{self.object_id}")
-                if isinstance(group, zarr.Group):
-                    paths += [f"{name}/{self.object_id}/{leaf}" for leaf in group.array_keys()]
-        return sorted(paths)
+        if name in self.shard.artifact.arrays:
+            return self.shard.has(str(name))
+        return name in self.shard.ragged.get(self.object_id, ())
 
     def __iter__(self) -> Iterator[str]:
         for name, array in self.shard.artifact.arrays.items():
             if array.per_object and self.shard.has(name):
                 yield name
-        yield from map(schema_name, self.ragged())
+        yield from self.shard.ragged.get(self.object_id, ())
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
 
-    def row(self) -> Row:
-        """Read what the stage returned for the object; empty where it failed."""
-        return {} if self.record.failure else {name: self[name] for name in self if name not in COMMON}
-
     def verify(self) -> Row:
         """Read and keep the row; raise a `StoreError` if it cannot be read, or differs from what its stage wrote."""
-        recorded = self.record
-        self._held = {}
-        row = self.row()
-        if row_digest(row, recorded.failure, recorded.category) != recorded.digest:
+        self._held.clear()
+        row = {} if self.record.failure else {name: self[name] for name in self if name not in COMMON}
+        if row_digest(row, self.record.failure, self.record.category) != self.record.digest:
             raise StoreError(f"{self.shard.path}: {self.object_id} is damaged; {self.shard.remedy}")
-        self._held = row
         return row

@@ -1,55 +1,30 @@
 """Check shards and folders against their schemas, records, digests and inputs; each problem is one line."""
 
 from collections.abc import Container, Iterable, Iterator
-from contextlib import suppress
 
 import numpy as np
-from pydantic_zarr.v3 import GroupSpec
+from pydantic_zarr.v3 import ArraySpec, GroupSpec
 
 from pipeline.console import abbreviate, pluralise
 from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.digest import files_of
-from pipeline.store.directory import DESCRIPTION, DataDirectory, has_shard_count, is_version, made_by, unversioned
+from pipeline.store.directory import DataDirectory, made_by, record_of
 from pipeline.store.garbage import all_unreferenced
 from pipeline.store.layout import schema_violations
 from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.rows import are_valid
-from pipeline.store.shard import Shard
-from pipeline.store.storage import Location, exists, read_bytes
+from pipeline.store.shard import RowView, Shard
+from pipeline.store.storage import Location, exists
 from schemas.base import COMMON
 from schemas.catalogue import ARTIFACTS
-
-CHECKS = 5
-"""Attempts to check a data directory that changes meanwhile."""
 
 
 def problems_below(root: Location, *, strict: bool = False) -> dict[Location, list[str]]:
     """Check a data directory; return the problems by path of record, an empty list for a record without problems.
 
-    A `strict` check also objects to artifacts that several kinds of processors computed. Where a problem is found and
-    records were replaced meanwhile by a run, everything is checked again.
+    A `strict` check also objects to artifacts that several kinds of processors computed.
     """
-    for _ in range(CHECKS):
-        before = _records(root)
-        problems = _problems_below(root, strict)
-        if not any(problems.values()) or _records(root) == before:
-            break
-    return problems
-
-
-def _records(root: Location) -> dict[Location, bytes]:
-    """Read every current record, and the description."""
-    directory = DataDirectory(root)
-    paths = [root / DESCRIPTION, *directory.shard_records(), *map(directory.folder_record, directory.folders())]
-    content = {}
-    for path in paths:
-        with suppress(OSError):  # it was withdrawn since it was listed, or is no file
-            content[path] = read_bytes(path)
-    return content
-
-
-def _problems_below(root: Location, strict: bool) -> dict[Location, list[str]]:
     directory = DataDirectory(root)
     problems: dict[Location, list[str]] = {}
     for name in ARTIFACTS:
@@ -62,15 +37,16 @@ def _problems_below(root: Location, strict: bool) -> dict[Location, list[str]]:
     for name in directory.folders():
         problems[directory.folder_record(name)] = _collect_lines(_folder_problems(directory, name))
     for path in all_unreferenced(directory):
-        record = path.with_name(f"{unversioned(path.name)}.json")
-        if is_version(path.name) and not exists(record) and (path.suffix != ".zarr" or _lacks_record(directory, record)):
+        record = path.with_name(record_of(path.name) or path.name)
+        if record != path and not exists(record) and (path.suffix != ".zarr" or _lacks_record(directory, record)):
             problems[record] = [f"the record of {path.name} is missing: a run was killed, or it was deleted; run its stage again"]
     return problems
 
 
 def _lacks_record(directory: DataDirectory, record: Location) -> bool:
     """Check whether a record is missing: other artifacts have this shard. Withdrawn shards, and other numbers of shards, leave none."""
-    return has_shard_count(record, directory.shards()) and any(exists(directory.root / name / record.name) for name in ARTIFACTS)
+    same_number = record.stem.endswith(f"-of-{directory.shards() or 0:04d}")
+    return same_number and any(exists(directory.root / name / record.name) for name in ARTIFACTS)
 
 
 def _collect_lines(check: Iterator[str]) -> list[str]:
@@ -97,13 +73,15 @@ def _shard_problems(shard: Shard) -> Iterator[str]:
     with shard.errors_as_damage("metadata cannot be read"):
         for name in filter(shard.has, shard.artifact.arrays):
             shard.group.get(name)  # one after the other: if two fail concurrently, asyncio prints the second traceback
-        violations = list(schema_violations(shard.artifact, GroupSpec.from_zarr(shard.group)))
+        members = GroupSpec.from_zarr(shard.group).to_flat()
+    arrays = {path.removeprefix("/"): member for path, member in members.items() if isinstance(member, ArraySpec)}
+    violations = list(schema_violations(shard.artifact, arrays))
     if violations:
         yield from (f"{line}; {shard.remedy}" for line in violations)
         return
     shard.check_arrays()
-    arrays = shard.artifact.arrays
-    constants = {name: shard.read(name) for name in arrays if shard.has(name) and not arrays[name].per_object}
+    declared = shard.artifact.arrays
+    constants = {name: shard.read(name) for name in declared if shard.has(name) and not declared[name].per_object}
     if digest.of_arrays(constants) != shard.record.constants_digest:
         yield f"{', '.join(constants)}: differs from what was written (digest); {shard.remedy}"
     common = {name: shard.read(name) for name in COMMON}
@@ -115,7 +93,7 @@ def _row_problems(shard: Shard, row: RowRecord, common: dict[str, object]) -> It
     for name, value in row.labels().items():
         if common[name] != value:
             yield f"{name}: {row.object_id} has {common[name]!r}, its record says {value!r}; {shard.remedy}"
-    view = shard.view(row.object_id)
+    view = RowView(shard, row.object_id)
     names = set(view)
     for name, array in shard.artifact.ragged.items() if row.failure is None else ():
         if "*" not in name and not array.optional and name not in names:

@@ -15,7 +15,6 @@ from pipeline.console import Columns, abbreviate, pluralise, show_tables, tabula
 from pipeline.errors import OtherVersion, StoreError
 from pipeline.store.directory import DataDirectory, made_by
 from pipeline.store.garbage import all_unreferenced
-from pipeline.store.rows import RowFiles
 from pipeline.store.storage import File, Location, files_below, list_folder, on_disk
 from pipeline.store.validate import check_origins
 from schemas.catalogue import ARTIFACTS
@@ -111,7 +110,7 @@ def _artifact(directory: DataDirectory, name: str) -> ArtifactAccount:
         megabytes=sum(_megabytes(files_below(shard.path)) for shard in collection.shards),
         seconds=sum(row.seconds for shard in collection.shards for row in shard.record.rows),
         digest=collection.digest(),
-        unfinished=RowFiles(directory.work(name)).count(),
+        unfinished=sum(file.endswith(".row") for file in files_below(directory.work(name) / "rows")),
         processors=dict(collection.processors()),
         stale=_stale(directory, name),
     )

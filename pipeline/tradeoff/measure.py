@@ -17,11 +17,11 @@ from pipeline.config.sources import Object
 from pipeline.engine import keys
 from pipeline.engine.make import make
 from pipeline.engine.plan import Request
-from pipeline.engine.trade import Changes, Trade
-from pipeline.engine.versions import processor
+from pipeline.engine.stage import Changes, Trade
 from pipeline.errors import InvalidInput, PipelineError, StoreError, unknown_name
 from pipeline.store import digest
 from pipeline.store.directory import DataDirectory
+from pipeline.store.record import processor
 from pipeline.tradeoff.measured import FOLDER, MeasuredTrade, Point, read_trade
 from pipeline.tradeoff.sample import FEWEST
 from pipeline.tradeoff.sweep import assignment, file_name

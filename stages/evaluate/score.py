@@ -8,9 +8,9 @@ from pipeline.config.settings import setting
 from pipeline.console import pluralise
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import Cost, DatasetJob
-from pipeline.engine.versions import library_versions
 from pipeline.errors import InvalidInput, StageError
 from pipeline.models.reconstruction import Reconstruction
+from pipeline.store.record import library_versions
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES

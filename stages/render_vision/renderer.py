@@ -163,28 +163,10 @@ class Renderer(AbstractContextManager["Renderer"]):
     ) -> RenderedImage:
         """Render only the given meshes."""
         camera = camera or self._camera
-        self._place(meshes, camera, lamp or self._lamp_position)
-        rgb, _ = self._context.render(self._scene, self._gl.RenderFlags.NONE, camera.shape)
-        segmentation, depth = self._segment(camera)
-        depth = np.where(segmentation == Label.BACKGROUND, np.float32(np.inf), depth).astype(np.float32)
-        return RenderedImage(np.ascontiguousarray(rgb, np.uint8), segmentation, depth)
-
-    def segment(self, meshes: Sequence[PosedMesh], camera: Camera) -> NDArray[np.uint8]:
-        """Render the labels of the given meshes alone, (rows, cols): half the work of an image."""
-        self._place(meshes, camera, self._lamp_position)
-        return self._segment(camera)[0]
-
-    def _segment(self, camera: Camera) -> tuple[NDArray[np.uint8], Array32]:
-        labels, depth = self._context.render(self._scene, self._gl.RenderFlags.SEG, camera.shape, self._labels)
-        return np.ascontiguousarray(labels[..., 0], np.uint8), depth
-
-    def _place(self, meshes: Sequence[PosedMesh], camera: Camera, lamp: Vector) -> None:
-        """Show only the given meshes, where they are posed, to a camera."""
-        pose_of_camera = camera_pose(camera)
+        pose_of_camera, lamp_pose = camera_pose(camera), np.eye(4)
         self._camera_node.camera = _gl_camera(self._gl, camera, _least_depth(meshes, pose_of_camera))
         self._scene.set_pose(self._camera_node, pose_of_camera)
-        lamp_pose = np.eye(4)
-        lamp_pose[:3, 3] = lamp
+        lamp_pose[:3, 3] = lamp or self._lamp_position
         self._scene.set_pose(self._lamp_node, lamp_pose)
         for node in self._labels:
             node.mesh.is_visible = False
@@ -192,6 +174,11 @@ class Renderer(AbstractContextManager["Renderer"]):
             handle.mesh.is_visible = True
             self._scene.set_pose(handle, pose)
         self._scene.nodes_in_order = [handle for handle, _ in meshes]
+        rgb, _ = self._context.render(self._scene, self._gl.RenderFlags.NONE, camera.shape)
+        labels, depth = self._context.render(self._scene, self._gl.RenderFlags.SEG, camera.shape, self._labels)
+        segmentation = np.ascontiguousarray(labels[..., 0], np.uint8)
+        depth = np.where(segmentation == Label.BACKGROUND, np.float32(np.inf), depth).astype(np.float32)
+        return RenderedImage(np.ascontiguousarray(rgb, np.uint8), segmentation, depth)
 
 
 def _least_depth(meshes: Sequence[PosedMesh], pose_of_camera: Array) -> float:

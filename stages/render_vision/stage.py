@@ -13,9 +13,7 @@ from pipeline.dataset.grasps import check_hand_exists
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import paired_rows
 from pipeline.engine.keys import assets_digest
-from pipeline.engine.stage import Cost, Inputs, ObjectStage
-from pipeline.engine.trade import Trade
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Cost, Inputs, ObjectStage, Trade, Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand

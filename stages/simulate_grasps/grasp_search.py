@@ -9,8 +9,7 @@ import numpy as np
 
 from pipeline.dataset.grasps import grasp_row
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.engine.stage import Inputs
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Inputs, Unit
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Array32
 from pipeline.kernels.geometry.transforms import length
@@ -26,7 +25,7 @@ from pipeline.physics.hold_test import DOWN, HOLD_TESTS, HoldTest, is_held
 from pipeline.physics.simulation import Simulation
 from pipeline.store.rows import Row
 from stages.simulate_grasps.plans import HoldPlanner, TouchPlanner
-from stages.simulate_grasps.prepare import CLEARANCE, PreparedHand, PreparedObject, prepare_hand, prepare_object
+from stages.simulate_grasps.prepare import CLEARANCE, prepare_hand, prepare_object
 from stages.simulate_grasps.stage import MAX_ATTEMPTS_FACTOR, GraspSettings
 
 OPENING = 0.006  # m that each sensor is drawn back before it closes: about a gel's thickness; 0 and 12 mm touch as often
@@ -70,25 +69,12 @@ def grasping(settings: GraspSettings) -> Iterator[Callable[[Unit, Inputs], Row]]
         yield process
 
 
-@dataclass(frozen=True, eq=False)
 class GraspSearch:
     """The search for grasps of one object, which physics and hold test have loaded."""
 
-    plan: TouchPlanner
-    physics: Simulation
-    test: HoldTest | None = None
-
-    @property
-    def settings(self) -> GraspSettings:
-        return self.plan.settings
-
-    @property
-    def hand(self) -> PreparedHand:
-        return self.plan.prepared_hand
-
-    @property
-    def object(self) -> PreparedObject:
-        return self.plan.prepared_object
+    def __init__(self, plan: TouchPlanner, physics: Simulation, test: HoldTest | None = None) -> None:
+        self.plan, self.physics, self.test = plan, physics, test
+        self.settings, self.hand, self.object = plan.settings, plan.prepared_hand, plan.prepared_object
 
     def best_grasps(self, unit: Unit) -> Row:
         """Attempt grasps until no better ones are needed, and make the row of the best."""

@@ -1,7 +1,6 @@
 """The hand as grasping needs it, prepared once per session, and the object, prepared once per object."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -49,11 +48,6 @@ class PreparedObject:
     normals: Array  # (N, 3) outward
     field: DistanceField
     faces: BoxedFaces
-
-    @cached_property
-    def centre(self) -> Array:
-        """(3,) centre of mass, which is spread evenly over the exterior."""
-        return np.asarray(self.points.mean(axis=0))
 
 
 def prepare_hand(settings: GraspSettings) -> PreparedHand:

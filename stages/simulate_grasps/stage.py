@@ -12,9 +12,7 @@ from pipeline.config.settings import ObjectSettings, described_by, setting
 from pipeline.console import abbreviate, pluralise
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.keys import assets_digest
-from pipeline.engine.stage import Cost, Inputs, ObjectStage
-from pipeline.engine.trade import Trade
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Cost, Inputs, ObjectStage, Trade, Unit
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.hand_listing import list_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files, sensor_names

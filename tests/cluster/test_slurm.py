@@ -57,15 +57,12 @@ def test_training_that_a_setting_forbids_is_an_error():
 
 def test_shard_waits_for_its_own_shard_and_dataset_stages_for_all_shards():
     dependencies = dependencies_of(plan("sample-surfaces", "simulate-grasps", "train-unet", "fit-charts", "evaluate"))
+    assert dependencies["sample-surfaces"] is None
     assert dependencies["simulate-grasps"] == "aftercorr:sample-surfaces"
     assert dependencies["train-unet"] == "afterok:simulate-grasps"
     assert dependencies["fit-charts"] == "aftercorr:simulate-grasps,afterok:train-unet"
     assert str(dependencies["evaluate"]).startswith("afterok:")
     assert "aftercorr" not in str(dependencies["evaluate"])
-
-
-def test_stage_without_submitted_inputs_has_no_dependency():
-    assert dependencies_of(plan("simulate-touch", "render-vision")) == {"render-vision": None, "simulate-touch": None}
 
 
 def test_each_evaluated_model_has_a_training_job():
@@ -176,20 +173,9 @@ def test_unusable_cluster_file_is_refused_with_entry_and_remedy(changes, message
     assert message in str(error.value)
 
 
-def test_unknown_cluster_is_refused_with_the_built_in_ones():
-    with pytest.raises(InvalidInput, match="there is no cluster 'moon'; built in are slurm"):
-        load_cluster("moon")
-
-
-# ---- Slurm's commands, imitated by scripts
-
-
 def test_units_are_passed_to_the_tasks(tmp_path):
     trimesh.creation.box((80, 60, 40)).export(tmp_path / "box.stl")
     command = ["submit", "sample-surfaces", "--manifest", "directory", "--objects", str(tmp_path), "--data", str(tmp_path / "data")]
     result = CliRunner().invoke(app, [*command, "--units", "mm", "--up", "y", "--dry-run"])
     assert result.exit_code == 0, result.output
     assert "--units mm --up y" in result.output
-
-
-# ---- the command line

@@ -11,13 +11,13 @@ import zarr
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Unit
 from pipeline.errors import StoreError
 from pipeline.store import garbage
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
 from pipeline.store.record import named_location
-from pipeline.store.rows import Row
+from pipeline.store.rows import Result, Row
 from pipeline.store.validate import problems_below
 from pipeline.tables.status import read_account
 from schemas.base import Array
@@ -64,8 +64,8 @@ def group(data: Path) -> Path:
 def test_a_damaged_row_file_is_made_again(tmp_path, damage, options):
     leave_row(request(tmp_path), "c")
     plan = plan_of(request(tmp_path))
-    assert plan.output.shard is None, "the others are missing"
-    file = plan.output.rows.path("c", plan.units[2].key)
+    assert plan.shard is None, "the others are missing"
+    file = plan.rows.path("c", plan.units[2].key)
     file.write_bytes(damage(file.read_bytes()))
     assert run(request(tmp_path, **options)) == 5
 
@@ -73,16 +73,16 @@ def test_a_damaged_row_file_is_made_again(tmp_path, damage, options):
 def test_a_row_file_of_another_object_is_not_published(tmp_path):
     leave_row(request(tmp_path), "c")
     plan = plan_of(request(tmp_path))
-    copied = plan.output.rows.path("d", plan.units[3].key)
+    copied = plan.rows.path("d", plan.units[3].key)
     copied.parent.mkdir()
-    shutil.copy(plan.output.rows.path("c", plan.units[2].key), copied)
+    shutil.copy(plan.rows.path("c", plan.units[2].key), copied)
     assert run(request(tmp_path)) == 4
 
 
 def test_flipped_bit_in_a_row_file_is_detected_at_publishing_and_the_row_is_made_again(tmp_path):
     leave_row(request(tmp_path), "c")
     plan = plan_of(request(tmp_path))
-    file = plan.output.rows.path("c", plan.units[2].key)
+    file = plan.rows.path("c", plan.units[2].key)
     content = bytearray(file.read_bytes())
     content[7] ^= 1  # in the first chunk
     file.write_bytes(content)
@@ -262,6 +262,19 @@ def test_temporary_files_of_killed_runs_are_garbage(tmp_path):
     leftovers.append(tmp_path / "noise" / "0000-of-0001-0123456789abcdef.zarr.tmp")
     leftovers[-1].mkdir()
     assert collect_everything(DataDirectory(tmp_path), older_than=-1) == [leftovers[0], leftovers[2], leftovers[1]]
+
+
+def test_rows_of_a_run_killed_after_it_published_them_are_garbage_after_a_week(tmp_path):
+    run(request(tmp_path))
+    plan = plan_of(request(tmp_path))
+    for key in (plan.units[0].key, "0" * 64):
+        plan.rows.save(Result(name="a", key=key), {})
+    paths = [plan.rows.path("a", key) for key in (plan.units[0].key, "0" * 64)]
+    assert collect_everything(DataDirectory(tmp_path), older_than=-1) == [], "a run may be about to publish it again"
+    for path in paths:
+        os.utime(path, (0, 0))
+    assert collect_everything(DataDirectory(tmp_path)) == [paths[0]]
+    assert [path.exists() for path in paths] == [False, True], "the other row is not published yet"
 
 
 def test_garbage_collection_and_validation_leave_files_of_the_user_alone(tmp_path):

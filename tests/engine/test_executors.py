@@ -94,7 +94,7 @@ def test_closing_at_once_ends_workers_in_the_middle_of_an_object(tmp_path):
     results = executor.run(work, units)
     next(results)
     processes = [worker.process for worker in executor._busy]
-    executor.close(at_once=True)
+    executor.__exit__(StageError)
     assert processes
     assert not any(process.is_alive() for process in processes)
 
@@ -104,7 +104,7 @@ def test_semaphores_of_killed_workers_are_released_without_a_warning(tmp_path):
     script.write_text(
         "from tests.engine.tiny_stages import *\nfrom pipeline.engine.worker_processes import WorkerProcesses\nif __name__ == '__main__':\n"
         "    work, units = work_of(request(Path(sys.argv[1]), HoldsLock()))\n    executor = WorkerProcesses()\n"
-        "    next(executor.run(work, units))\n    executor.close(at_once=True)\n"
+        "    next(executor.run(work, units))\n    executor.__exit__(StageError)\n"
     )
     ended = subprocess.run([sys.executable, script, tmp_path / "data"], capture_output=True, text=True, check=True)
     assert ended.stderr == ""

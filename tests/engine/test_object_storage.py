@@ -16,6 +16,7 @@ from pipeline.store.atomic import create, replace_version, version_of, write_ato
 from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import write_group
 from pipeline.store.rows import Result, RowFiles
+from pipeline.store.shard import RowView
 from pipeline.store.storage import Location, as_location, files_below, read_bytes, remove
 from pipeline.store.temporary import local_copy
 from pipeline.store.validate import problems_below
@@ -130,7 +131,7 @@ def test_later_of_two_concurrent_runs_is_refused_and_publishes_nothing(data, mon
         monkeypatch.setattr(publish, "write_group", write_group)
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "another machine"))
         run(early)
-        write_group(*arguments, **options)
+        return write_group(*arguments, **options)
 
     monkeypatch.setattr(publish, "write_group", write_late)
     with pytest.raises(StoreError, match="was published by another run meanwhile; run again"):
@@ -146,7 +147,7 @@ def test_concurrent_runs_of_the_same_rows_both_succeed(data, monkeypatch, tmp_pa
         monkeypatch.setattr(publish, "write_group", write_group)
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "another machine"))
         assert not run(request(data)), "rows that are finished are shared"
-        write_group(*arguments, **options)
+        return write_group(*arguments, **options)
 
     monkeypatch.setattr(publish, "write_group", write_late)
     run(request(data))
@@ -199,8 +200,8 @@ def test_open_reader_of_a_collected_group_gets_a_clear_error(data):
     run(request(data))
     names = ("values", "reach", "lists/numbers")
     shard = published(data).shard("b")
-    assert all(shard.view("b")[name].any() for name in names)
-    view = shard.view("b")  # has read nothing yet
+    assert all(RowView(shard, "b")[name].any() for name in names)
+    view = RowView(shard, "b")  # has read nothing yet
     run(request(data, seed=1))
     garbage.collect_everything(DataDirectory(data), older_than=-1)
     for name in names:

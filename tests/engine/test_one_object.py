@@ -77,7 +77,7 @@ def test_run_of_one_object_replaces_no_published_rows(tmp_path):
     assert digest(tmp_path) == before, "the other rows were made with other settings"
     assert run(request(tmp_path, only="b", items=objects(2), **other)) == 0
     assert digest(tmp_path) == before, "the other rows are of objects that left the manifest"
-    record = plan_of(request(tmp_path)).output.record_path
+    record = plan_of(request(tmp_path)).record_path
     damaged = record.read_bytes()[:-9]
     record.write_bytes(damaged)
     assert run(request(tmp_path, only="b", **other)) == 0

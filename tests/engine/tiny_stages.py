@@ -18,17 +18,14 @@ import numpy as np
 from pipeline.config.manifest import Object
 from pipeline.config.settings import ObjectSettings, setting
 from pipeline.console import console_on
-from pipeline.engine.executor import Serial
+from pipeline.engine.executor import Serial, Work
 from pipeline.engine.make import make, plans
-from pipeline.engine.plan import Plan, Request
-from pipeline.engine.session import Work
-from pipeline.engine.stage import Cost, DatasetJob, DatasetStage, Inputs, ObjectStage
-from pipeline.engine.unit import Unit
+from pipeline.engine.plan import Request
+from pipeline.engine.stage import Cost, DatasetJob, DatasetStage, Inputs, ObjectStage, Unit
 from pipeline.errors import InvalidInput, StageError
-from pipeline.store.collection import Collection
 from pipeline.store.digest import hashes_of
-from pipeline.store.directory import DataDirectory
-from pipeline.store.publish import FolderOutput
+from pipeline.store.directory import Collection, DataDirectory
+from pipeline.store.publish import commit_folder
 from pipeline.store.record import Failure, FolderRecord
 from pipeline.store.rows import Result, Row, conform
 from schemas.base import Array, Artifact, coordinates
@@ -257,7 +254,7 @@ def request(data: Path, stage: Any = None, count: int = 5, items: list[Object] |
     return Request(stage=stage or MakeNoise(), settings=NoiseSettings(**values), objects=items, data=data, **named)
 
 
-def plan_of(wanted: Request) -> Plan[Any]:
+def plan_of(wanted: Request) -> Any:
     """Make the only plan of a request."""
     (plan,) = plans(wanted)
     return plan
@@ -286,8 +283,8 @@ def pack(wanted: Request, row: Callable[[Unit], Row], failed: str = "") -> None:
     for plan in plans(wanted):
         for unit in plan.units:
             failure = Failure(stage=plan.stage.name, reason="no room") if unit.name in failed else None
-            values = {} if failure else conform(plan.output.artifact, row(unit))
-            plan.output.rows.save(Result(name=unit.name, key=unit.key, failure=failure), values, unit.category)
+            values = {} if failure else conform(plan.artifact, row(unit))
+            plan.rows.save(Result(name=unit.name, key=unit.key, failure=failure), values, unit.category)
         assert not plan.make(CONSOLE).objects
 
 
@@ -298,7 +295,7 @@ def publish(data: Path, name: str, folder: Path, stage: str, facts: dict[str, An
         **{"seed": 0, "manifest": "tiny", "models": {}, "versions": {}, "processor": {}, "splits": (), "inputs": {}},
         **{"facts": facts or {}, "seconds": 1.5, "files": hashes_of(folder)},
     )
-    return FolderOutput(DataDirectory(data), name).commit(folder, record)
+    return commit_folder(DataDirectory(data), name, folder, record)
 
 
 def published(data: Path, artifact: Artifact = NOISE) -> Collection:

@@ -93,14 +93,9 @@ def test_written_files_hold_the_reading(reader: TouchReader, tmp_path: Path) -> 
     cloud: Any = trimesh.load(tmp_path / "out" / "a.ply")
     assert len(cloud.vertices) == reading.contact.sum()
     np.testing.assert_allclose(cloud.vertices, reading.points, rtol=0, atol=1e-8)
-    write_reading(reading, tmp_path / "out", "a")  # replaces the first
-
-
-def test_empty_cloud_is_written(reader: TouchReader, tmp_path: Path) -> None:
-    reading = reader.read(UNTOUCHED)
     object.__setattr__(reading, "contact", np.zeros_like(reading.contact))
-    write_reading(reading, tmp_path, "none")
-    assert b"element vertex 0\n" in (tmp_path / "none.ply").read_bytes()
+    write_reading(reading, tmp_path / "out", "a")  # replaces the first
+    assert b"element vertex 0\n" in (tmp_path / "out" / "a.ply").read_bytes()
 
 
 def test_normals_follow_the_surface_of_the_gel(reader: TouchReader) -> None:
@@ -186,23 +181,21 @@ def test_photographs_with_negative_strides_are_read(reader: TouchReader) -> None
     np.testing.assert_array_equal(reader.read(turned).indentation, reader.read(image).indentation)
 
 
-def test_unusable_photographs_are_errors(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="does not exist; give a photograph"):
-        photographs_of(tmp_path / "missing", tmp_path)
-    with pytest.raises(InvalidInput, match="holds no photographs besides the untouched one"):
-        photographs_of(tmp_path, tmp_path)
+def test_unusable_photographs_and_networks_are_errors(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "unet").mkdir()
+    save_touch_model(tmp_path / "unet", UNet(1), sensor=SENSOR, untouched=UNTOUCHED, mask_threshold=1e-3)
+    (tmp_path / "twins").mkdir()
     for suffix in ("png", "bmp"):
-        Image.fromarray(UNTOUCHED).save(tmp_path / f"a.{suffix}")
-    with pytest.raises(InvalidInput, match=r"a.* and .*a.* have one name but for the suffix; rename one"):
-        photographs_of(tmp_path, tmp_path)
-
-
-def test_unusable_networks_are_errors(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="holds no network for sensor gel_16mm; train one"):
-        TouchReader("gel_16mm", UNTOUCHED)
-    save_touch_model(tmp_path, UNet(1), sensor=SENSOR, untouched=UNTOUCHED, mask_threshold=1e-3)
-    with pytest.raises(InvalidInput, match="holds a U-Net, which reads simulated images"):
-        TouchReader(folder / "my_gel.yaml", UNTOUCHED, tmp_path)
+        Image.fromarray(UNTOUCHED).save(tmp_path / "twins" / f"a.{suffix}")
+    for call, message in (
+        (lambda: photographs_of(tmp_path / "missing", tmp_path), "does not exist; give a photograph"),
+        (lambda: photographs_of(tmp_path, tmp_path), "holds no photographs besides the untouched one"),
+        (lambda: photographs_of(tmp_path / "twins", tmp_path), r"a.* and .*a.* have one name but for the suffix; rename one"),
+        (lambda: TouchReader("gel_16mm", UNTOUCHED), "holds no network for sensor gel_16mm; train one"),
+        (lambda: TouchReader(folder / "my_gel.yaml", UNTOUCHED, tmp_path / "unet"), "holds a U-Net, which reads simulated images"),
+    ):
+        with pytest.raises(InvalidInput, match=message):
+            call()
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ def camera_pose() -> np.ndarray:
 
 
 def touch_pose(direction: tuple[float, float, float]) -> np.ndarray:
-    """Location a sensor in a direction from the ball's centre, facing it, pressed in by a millimetre."""
+    """Place a sensor in a direction from the ball's centre, facing it, pressed in by a millimetre."""
     outward = np.array(direction) / np.linalg.norm(direction)
     across = np.cross(outward, np.eye(3)[np.argmin(np.abs(outward))])
     across /= np.linalg.norm(across)

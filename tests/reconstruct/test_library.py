@@ -1,7 +1,5 @@
 """`vt_pipeline.reconstruct` gives the same surface for files and arrays, and names faults."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -36,25 +34,34 @@ def test_a_file_and_arrays_give_the_same_surface(grasp_and_models: tuple[Path, P
     assert not from_file.files
 
 
+CAMERA = {"image": np.ones((4, 4, 3), np.uint8), "intrinsics": {"fx": 10, "fy": 10, "cx": 2, "cy": 2}, "pose": np.eye(4)}
+TOUCH = {"tactile_image": np.ones((4, 4), np.uint8), "pose": np.eye(4)}
+
+
 def test_wrong_observation_type_and_invalid_resolution_are_named(grasp_and_models: tuple[Path, Path]) -> None:
+    path, models = grasp_and_models
     with pytest.raises(TypeError, match="observation is a RobotObservation or the path of an observation file; this is NoneType"):
-        vt.reconstruct(None, grasp_and_models[1])
+        vt.reconstruct(None, models)
+    with pytest.raises(vt.InvalidInput, match=r"model occluded needs a photograph: add the entry camera; object.centre is missing"):
+        vt.reconstruct(vt.RobotObservation(), models, "occluded")
     for resolution in (0, 63, 401, 64.5, "x"):
         with pytest.raises(vt.InvalidInput, match=f"resolution is {resolution!r}; it must be a whole number, 64 to 400"):
-            vt.reconstruct(grasp_and_models[0], grasp_and_models[1], resolution=resolution)
+            vt.reconstruct(path, models, resolution=resolution)
 
 
-def test_faults_of_arrays_are_named(grasp_and_models: tuple[Path, Path]) -> None:
-    with pytest.raises(vt.InvalidInput, match=r"model occluded needs a photograph: add the entry camera; object.centre is missing"):
-        vt.reconstruct(vt.RobotObservation(), grasp_and_models[1], "occluded")
-    camera = {"image": np.ones((4, 4, 3), np.uint8), "intrinsics": {"fx": 10, "fy": 10, "cx": 2, "cy": 2}, "pose": np.eye(4)}
-    with pytest.raises(vt.InvalidInput, match=r"image is float64 \(4, 4\); it must be uint8 \(rows, cols, 3\)"):
-        vt.RobotObservation(untouched=None, camera=camera | {"image": np.ones((4, 4))})
-    touch = {"tactile_image": np.ones((4, 4), np.uint8), "pose": np.eye(4)}
-    with pytest.raises(vt.InvalidInput, match=r"touches.0 is uint8 \(4, 4\); it must be uint8 \(rows, cols, 3\)"):
-        vt.RobotObservation(sensor="gel_16mm", untouched=np.ones((4, 4, 3), np.uint8), touches=[touch])
-    with pytest.raises(vt.InvalidInput, match=r"there is no entry kamera, did you mean camera\?\. Its entries are unit, up, object"):
-        vt.RobotObservation(kamera=camera)
-    with pytest.raises(vt.InvalidInput, match=r"depth is int32 \(4, 4\); it must be uint16 \(rows, cols\)"):  # levels, not metres
-        vt.RobotObservation(camera=camera | {"depth": np.full((4, 4), 800, np.int32)})
-    assert vt.RobotObservation(camera=camera | {"depth": np.ones((4, 4), np.float32)}).camera is not None
+@pytest.mark.parametrize(
+    ("entries", "message"),
+    [
+        (
+            {"untouched": None, "camera": CAMERA | {"image": np.ones((4, 4))}},
+            r"image is float64 \(4, 4\); it must be uint8 \(rows, cols, 3\)",
+        ),
+        ({"sensor": "gel_16mm", "touches": [TOUCH]}, r"touches.0 is uint8 \(4, 4\); it must be uint8 \(rows, cols, 3\)"),
+        ({"kamera": CAMERA}, r"there is no entry kamera, did you mean camera\?\. Its entries are unit, up, object"),
+        ({"camera": CAMERA | {"depth": np.full((4, 4), 800, np.int32)}}, r"depth is int32 \(4, 4\); it must be uint16"),  # levels
+    ],
+)
+def test_faults_of_arrays_are_named(entries: dict[str, object], message: str) -> None:
+    with pytest.raises(vt.InvalidInput, match=message):
+        vt.RobotObservation(**entries)
+    assert vt.RobotObservation(camera=CAMERA | {"depth": np.ones((4, 4), np.float32)}).camera is not None

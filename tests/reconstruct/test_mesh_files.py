@@ -1,7 +1,5 @@
 """Mesh files of reconstructions: accuracy, joined charts, and vertices that are refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +11,7 @@ from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
 from pipeline.models.reconstruction import Reconstruction, join_vision_charts
-from pipeline.reconstruct.mesh_files import write_charts, write_joined
+from pipeline.reconstruct.mesh_files import write_charts
 from tests.stages import ball_dataset as spheres
 
 SPHERE = vision_charts(0)
@@ -42,7 +40,7 @@ def test_mesh_file_error_is_within_the_documented_bound(tmp_path: Path, suffix: 
     reconstruction = surface(scale, offset)
     bound = 1.01 * np.sqrt(3) * (5e-9 if suffix == ".obj" else 6e-8 * np.abs(reconstruction.vertices).max())
     write_charts(tmp_path / f"apart{suffix}", reconstruction)
-    write_joined(tmp_path / f"joined{suffix}", reconstruction)
+    write_charts(tmp_path / f"joined{suffix}", reconstruction, joined=True)
     for name, vertices in (
         ("apart", reconstruction.vertices),
         ("joined", np.concatenate([join_vision_charts(reconstruction)[0], reconstruction.vertices[reconstruction.vision :]])),
@@ -64,7 +62,7 @@ def test_coinciding_vertices_are_joined_without_moving() -> None:
 def test_vertices_that_are_not_finite_are_refused(tmp_path: Path, vertex: int, value: float) -> None:
     reconstruction = surface(1.0, 0.0)
     reconstruction.vertices[vertex, 1] = value
-    for write in (write_charts, write_joined):
+    for joined in (False, True):
         with pytest.raises(StageError, match=r"1 of \d+ vertices hold NaN or infinity"):
-            write(tmp_path / "mesh.obj", reconstruction)
+            write_charts(tmp_path / "mesh.obj", reconstruction, joined=joined)
     assert not list(tmp_path.iterdir())

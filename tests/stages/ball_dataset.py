@@ -15,8 +15,7 @@ import trimesh
 from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request
-from pipeline.engine.stage import Cost, Inputs, ObjectStage
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Cost, Inputs, ObjectStage, Unit
 from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.charts.touch_chart import chart_square

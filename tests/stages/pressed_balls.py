@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.config.settings import Settings
-from pipeline.engine.stage import Cost, Inputs, ObjectStage
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Cost, Inputs, ObjectStage, Unit
 from pipeline.kernels.touch.depth_maps import touch_success
 from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image

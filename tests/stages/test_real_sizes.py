@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Unit
 from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.geometry.mesh_cleaning import POSITION
 from pipeline.kernels.vision.camera import project_points, projection_matrix

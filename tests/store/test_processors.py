@@ -1,17 +1,22 @@
 """Rows record the kind of processor that computed them; several kinds in an artifact are marked and fail a strict check."""
 
 import json
+import os
+import platform
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from checks.processors import environment
 from pipeline.cli import app
-from pipeline.engine import session
-from pipeline.engine.versions import processor
+from pipeline.engine import executor
 from pipeline.store.directory import DataDirectory
-from pipeline.store.record import processor_kind
+from pipeline.store.record import library_versions, processor, processor_kind
 from pipeline.store.validate import problems_below
 from schemas.catalogue import ARTIFACTS
 from tests.engine.tiny_stages import NOISE, digest, published, request, run
@@ -33,7 +38,7 @@ def noise_in_catalogue() -> Iterator[None]:
 def mixed_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Make five rows in one shard, two of them computed by another kind of processor."""
     with monkeypatch.context() as patch:
-        patch.setattr(session, "processor", lambda: OTHER)
+        patch.setattr(executor, "processor", lambda: OTHER)
         for name in "ab":
             run(request(tmp_path, only=name))
     run(request(tmp_path))
@@ -71,3 +76,18 @@ def test_rows_without_a_processor_take_that_of_their_shard(tmp_path: Path) -> No
         path.write_bytes(resealed(path.read_bytes(), rows=rows, **({"processor": OTHER} if path == first else {})))
     assert published(tmp_path).processors() == {OTHER_KIND: counts[0], HERE: counts[1]}
     assert len([line for lines in problems_below(tmp_path, strict=True).values() for line in lines]) == 1
+
+
+def test_record_holds_library_versions_and_the_machine() -> None:
+    assert library_versions()["numpy"] == np.__version__
+    assert processor()["machine"] == platform.machine()
+
+
+def test_record_holds_the_instruction_sets_of_numpy_and_torch() -> None:
+    code = "import json, torch; from pipeline.store.record import processor; print(json.dumps(processor()))"
+    run = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, **environment("prescott")}, capture_output=True, text=True, check=True
+    )
+    recorded = json.loads(run.stdout)
+    assert recorded["torch"] == "DEFAULT"
+    assert not set(environment("prescott")["NPY_DISABLE_CPU_FEATURES"].split()) & set(recorded["numpy"])

@@ -14,6 +14,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StoreError
 from pipeline.models.model_files import read_weights
 from pipeline.store.directory import DataDirectory
+from pipeline.store.shard import RowView
 from pipeline.store.validate import problems_below
 from pipeline.tables.status import read_account
 from pipeline.training import checkpoint
@@ -90,7 +91,7 @@ def test_chunk_replaced_by_a_socket_or_device_while_open_gives_an_error(data):
         path.unlink()
         put(path)
         with pytest.raises(StoreError, match=r"points of a cannot be read \(.*it is not a regular file: '.*points/c/0/0/0'\); .* --check"):
-            shard.view("a")["points"]
+            RowView(shard, "a")["points"]
 
 
 @pytest.mark.parametrize("put", [socket, link_to_device])

@@ -4,8 +4,7 @@ from typing import ClassVar
 
 from pipeline.config.settings import ObjectSettings, setting
 from pipeline.dataset.object_rows import touch_sensor
-from pipeline.engine.stage import Cost, Inputs, ObjectStage
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Cost, Inputs, ObjectStage, Unit
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.touch import TOUCH

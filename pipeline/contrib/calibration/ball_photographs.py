@@ -109,18 +109,15 @@ def reasons(unusable: dict[str, str]) -> str:
 
 
 def _read_circles(path: Path) -> dict[str, Circle]:
-    if not path.is_file():
-        return {}
-    try:
-        rows = csv.DictReader(io.StringIO(read_text(path, MAX_BYTES), newline=""))
-        lines = [(row["name"], Circle(float(row["x"]), float(row["y"]), float(row["radius"]))) for row in rows]
-    except InvalidInput:
-        raise
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidInput(
-            f"{path} needs the columns name, x, y, radius, with numbers in pixels; {type(error).__name__}: {error}"
-        ) from error
     circles: dict[str, Circle] = {}
+    try:
+        rows = csv.DictReader(io.StringIO(read_text(path, MAX_BYTES), newline="")) if path.is_file() else []
+        lines = [(row["name"], Circle(float(row["x"]), float(row["y"]), float(row["radius"]))) for row in rows]
+    except (KeyError, TypeError, ValueError) as error:
+        if isinstance(error, InvalidInput):
+            raise
+        columns = "the columns name, x, y, radius, with numbers in pixels"
+        raise InvalidInput(f"{path} needs {columns}; {type(error).__name__}: {error}") from error
     for name, circle in lines:
         if name in circles:
             raise InvalidInput(f"{path} has two lines for {name}; keep one")

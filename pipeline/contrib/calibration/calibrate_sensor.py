@@ -20,8 +20,7 @@ from pipeline.formats.image_file import read_image
 from pipeline.kernels.touch.ball_contact import RING, Photograph, ball_impression, distance_from
 from pipeline.kernels.touch.calibrated_shading import calibrated_change
 from pipeline.kernels.touch.colour_fit import ColourFit, ColourFitOptions, fit_background, fit_colours
-from pipeline.kernels.touch.optics import Calibration
-from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.sensor import Calibration, Sensor
 from pipeline.store.atomic import write_atomically
 
 SENSOR_NAME = re.compile(r"[A-Za-z0-9._-]{1,120}")
@@ -101,14 +100,12 @@ def calibrate(
     unusable: dict[str, str],  # why other photographs are not used, by name
 ) -> CalibrationResult:
     """Fit a sensor to every second photograph and test it on the others; then fit it to all."""
-    largest = ball_radius / sensor.pitch[1]
-    too_large = {
-        photograph.name: f"its contact of {photograph.contact.radius:.0f} pixels is wider than the ball"
-        for photograph in photographs
-        if photograph.contact.radius >= largest
-    }
-    usable = [photograph for photograph in photographs if photograph.name not in too_large]
-    unusable = unusable | too_large
+    usable, unusable = list[Photograph](), dict(unusable)
+    for photograph in photographs:
+        if photograph.contact.radius * sensor.pitch[1] < ball_radius:
+            usable.append(photograph)
+        else:
+            unusable[photograph.name] = f"its contact of {photograph.contact.radius:.0f} pixels is wider than the ball"
     if len(usable) < MIN_PHOTOGRAPHS:
         raise InvalidInput(f"{pluralise(len(usable), 'photograph')} can be used, {MIN_PHOTOGRAPHS} are needed; {reasons(unusable)}")
     deepest = max(usable, key=lambda photograph: photograph.contact.radius)
@@ -120,17 +117,17 @@ def calibrate(
         )
     half = fit_colours(sensor, usable[::2], untouched, ball_radius, options)
     fitted, tested = (
-        [image_errors(half.sensor, half.calibration, photograph, untouched, ball_radius) for photograph in part]
+        [_image_errors(half.sensor, half.calibration, photograph, untouched, ball_radius) for photograph in part]
         for part in (usable[::2], usable[1::2])
     )
     fit = fit_colours(sensor, usable, untouched, ball_radius, options)
     return CalibrationResult(fit, half, usable, fitted, tested, unusable)
 
 
-def image_errors(
+def _image_errors(
     sensor: Sensor, calibration: Calibration, photograph: Photograph, untouched: NDArray[np.uint8], ball_radius: float
 ) -> ImageErrors:
-    """Compare a photograph with the image of the same contact by a fitted sensor and calibration; the radius is in m."""
+    """Compare a photograph with the image of the same contact by a fitted sensor."""
     model = render_contact(sensor, calibration, photograph, untouched, ball_radius)
     distance = distance_from(sensor, photograph.contact) / (photograph.contact.radius * sensor.pitch[1])
     contact, ring = distance < 1, (distance >= 1) & (distance < RING)
@@ -140,9 +137,13 @@ def image_errors(
 
 
 def render_contact(
-    sensor: Sensor, calibration: Calibration, photograph: Photograph, untouched: NDArray[np.uint8], ball_radius: float
-) -> NDArray[np.uint8]:
-    """Render the contact of a photograph over the untouched one, (rows, cols, 3) uint8; parameters as `image_errors`."""
+    sensor: Sensor,
+    calibration: Calibration,
+    photograph: Photograph,
+    untouched: NDArray[np.uint8],
+    ball_radius: float,  # m
+) -> NDArray[np.uint8]:  # (rows, cols, 3)
+    """Render the contact of a photograph over the untouched one."""
     change = calibrated_change(ball_impression(sensor, photograph.contact, ball_radius), sensor, calibration)
     return np.rint(np.clip(untouched + change, 0, 255)).astype(np.uint8)
 

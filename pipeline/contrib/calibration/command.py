@@ -9,10 +9,8 @@ from typing import Annotated
 import numpy as np
 import typer
 from pydantic import ValidationError
-from rich.markup import escape
-from rich.table import Table
 
-from pipeline.console import console, errors, print_lines
+from pipeline.console import console, print_lines, print_table, print_warning
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import invalid_entries
 
@@ -46,54 +44,48 @@ def calibrate_sensor(
     Its colours are fitted to every second photograph and tested on the others, then fitted to all. With --train they are fitted for depth:
     to the contacts above all, with an elastic gel.
     """
+    from pipeline.contrib.calibration import calibrate_sensor as calibration
     from pipeline.contrib.calibration.ball_photographs import read_photographs
-    from pipeline.contrib.calibration.calibrate_sensor import (
-        calibrate,
-        check_name,
-        draw_calibration,
-        render_contact,
-        uncalibrated_sensor,
-        write_sensor,
-    )
     from pipeline.kernels.touch.colour_fit import FIT_FOR_DEPTH, ColourFitOptions, fitted_range, missing_photographs
 
-    check_name(out, untouched)
+    calibration.check_name(out, untouched)
     row_scale = mm_per_row and mm_per_row / mm_per_pixel
     photographs, image, unusable = read_photographs(folder, untouched, row_scale=row_scale, accept_photographs=accept_photographs)
-    radius = 1e-3 * ball_radius
-    began = time.perf_counter()
+    radius, began = 1e-3 * ball_radius, time.perf_counter()
     defaults = FIT_FOR_DEPTH if train else ColourFitOptions()
     options = replace(defaults, normal_degree=normal_degree, position_degree=position_degree, shadows=shadows)
     try:
-        sensor = uncalibrated_sensor(
-            out.stem, image.shape[:2], pitch=1e-3 * mm_per_pixel, thickness=1e-3 * thickness, row_scale=row_scale or 1.0
-        )
-        result = calibrate(sensor, photographs, image, ball_radius=radius, options=options, unusable=unusable)
+        sizes = {"pitch": 1e-3 * mm_per_pixel, "thickness": 1e-3 * thickness, "row_scale": row_scale or 1.0}
+        sensor = calibration.uncalibrated_sensor(out.stem, image.shape[:2], **sizes)
+        result = calibration.calibrate(sensor, photographs, image, ball_radius=radius, options=options, unusable=unusable)
     except ValidationError as error:
         raise InvalidInput(f"no sensor is like this: {invalid_entries(error)}; are lengths in mm?") from error
     for name, reason in result.unusable.items():
-        errors.print(f"[yellow]not used:[/] {escape(name)}: {escape(reason)}")
-    fit, half_fit = result.fit, result.half
+        print_warning("not used:", f"{name}: {reason}")
+    fit = result.fit
     note = f"Fitted by `vt-pipeline calibrate-sensor` to {len(result.photographs)} photographs of a ball of {ball_radius:g} mm radius."
-    write_sensor(result, out, untouched, background_degree=background_degree, note=note)
-    table = Table("mean error, levels of 255", "photographs", "contact", "ring around it", "untouched: contact", "ring", box=None)
+    calibration.write_sensor(result, out, untouched, background_degree=background_degree, note=note)
+    rows = []
     for title, image_errors in (("fitted to", result.fitted_errors), ("held out", result.tested_errors)):
         means = np.mean([[entry.contact, entry.ring, entry.untouched_contact, entry.untouched_ring] for entry in image_errors], axis=0)
-        table.add_row(title, str(len(image_errors)), *(f"{mean:.1f}" for mean in means))
-    console.print(table)
+        rows.append([title, len(image_errors), *(f"{mean:.1f}" for mean in means)])
+    print_table(console, ["mean error, levels of 255", "photographs", "contact", "ring around it", "untouched: contact", "ring"], rows)
     worst = max(result.tested_errors, key=lambda entry: entry.contact)
-    print_lines(f"worst held-out photograph: {worst.name}, {worst.contact:.1f} in the contact")
     elastic = f"elastic gel {1e3 * fit.sensor.layer_thickness:.2f} mm thick"
-    shape = elastic if fit.sensor.gel else f"membrane {1e3 * fit.sensor.membrane:.2f} mm"
-    print_lines(f"then fitted to all {len(result.photographs)}; {shape}, position degree {fit.position_degree}")
-    for line in fitted_range(fit.calibration):
-        print_lines(line)
+    surface = elastic if fit.sensor.gel else f"membrane {1e3 * fit.sensor.membrane:.2f} mm"
+    print_lines(
+        f"worst held-out photograph: {worst.name}, {worst.contact:.1f} in the contact",
+        f"then fitted to all {len(result.photographs)}; {surface}, position degree {fit.position_degree}",
+        *fitted_range(fit.calibration),
+    )
     for line in fit.at_end:
-        errors.print(f"[yellow]at the end of its range:[/] {escape(line)}")
+        print_warning("at the end of its range:", line)
     for line in missing_photographs(fit.sensor, fit.calibration, [photograph.contact for photograph in result.photographs]):
-        errors.print(f"[yellow]missing:[/] {escape(line)}")
-    images = [render_contact(half_fit.sensor, half_fit.calibration, photograph, image, radius) for photograph in result.tested]
-    draw_calibration(result.tested, images, report := out.with_name(f"{out.stem}-calibration.png"))
+        print_warning("missing:", line)
+    report = out.with_name(f"{out.stem}-calibration.png")
+    half = result.half
+    images = [calibration.render_contact(half.sensor, half.calibration, photograph, image, radius) for photograph in result.tested]
+    calibration.draw_calibration(result.tested, images, report)
     print_lines(f"{out}, {report}; `vt-pipeline check {shlex.quote(str(out))}` draws the sensor")
     if train:
         from pipeline.formats.sensor_file import load_sensor
@@ -104,5 +96,7 @@ def calibrate_sensor(
         model, _ = train_sensor_network(load_sensor(out))
         save_sensor_network(model, network := out.with_name(out.stem + MODEL_SUFFIX))
         names = f"--untouched {shlex.quote(str(untouched))} --sensor {shlex.quote(str(out))}"
-        print_lines(f"calibrated and trained in {time.perf_counter() - began:.0f} s")
-        print_lines(f"{network}: `vt-pipeline read-touch PHOTOGRAPHS {names}` reads with it")
+        print_lines(
+            f"calibrated and trained in {time.perf_counter() - began:.0f} s",
+            f"{network}: `vt-pipeline read-touch PHOTOGRAPHS {names}` reads with it",
+        )

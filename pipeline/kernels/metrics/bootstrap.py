@@ -20,6 +20,10 @@ class Interval:
     high: float
     count: int  # objects that the mean is of
 
+    def __format__(self, form: str) -> str:
+        ends = f"\n({self.low:{form}}–{self.high:{form}})" if np.isfinite([self.low, self.high]).all() else ""
+        return f"{self.mean:{form}}{ends}"
+
 
 def mean_interval(values: Array, rng: np.random.Generator) -> Interval:
     """Compute a mean over objects, (N,), and trainings, (S, N), with its 95 % percentile bootstrap interval.

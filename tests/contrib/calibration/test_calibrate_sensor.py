@@ -89,16 +89,17 @@ def test_a_known_model_is_recovered(folder: Path, tmp_path: Path) -> None:
 
 
 def test_unusable_photographs_are_refused_with_the_reason(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="does not exist"):
-        read_photographs(tmp_path / "none", folder.parent / "untouched.png")
-    few = tmp_path / "few"
-    few.mkdir()
+    (few := tmp_path / "few").mkdir()
     (few / "0.png").write_bytes((folder / "0.png").read_bytes())
-    with pytest.raises(InvalidInput, match="has 1 usable photograph, 4 are needed"):
-        read_photographs(few, folder.parent / "untouched.png")
-    (few / "circles.csv").write_text("name,x\n0.png,1\n")
-    with pytest.raises(InvalidInput, match="needs the columns name, x, y, radius"):
-        read_photographs(few, folder.parent / "untouched.png")
+    for place, circles, message in (
+        (tmp_path / "none", None, "does not exist"),
+        (few, None, "has 1 usable photograph, 4 are needed"),
+        (few, "name,x\n0.png,1\n", "needs the columns name, x, y, radius"),
+    ):
+        if circles:
+            (place / "circles.csv").write_text(circles)
+        with pytest.raises(InvalidInput, match=message):
+            read_photographs(place, folder.parent / "untouched.png")
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ import trimesh
 from hypothesis import given
 from scipy import stats
 
-from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import flatness, is_watertight, sample_triangles
 from tests.strategies import EPS, aspects, offsets, scales, seeds, sliver
 
@@ -49,8 +48,3 @@ def test_faces_without_area_are_never_sampled(size) -> None:
     triangles = np.concatenate([flat, real, flat, real / 3, flat])
     assert sample_triangles(triangles, 5, LargestDraw())[1].tolist() == [3] * 5
     assert set(sample_triangles(triangles, 1000, np.random.default_rng(0))[1].tolist()) == {1, 3}
-
-
-def test_sample_triangles_rejects_triangles_without_area(rng) -> None:
-    with pytest.raises(InvalidInput, match="none of the 1 triangles"):
-        sample_triangles(np.zeros((1, 3, 3)), 10, rng)

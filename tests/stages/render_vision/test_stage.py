@@ -10,12 +10,11 @@ from pipeline.dataset.completed_objects import dataset_scene
 from pipeline.dataset.grasps import grasping_hand
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.keys import assets_digest
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Unit
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.scene_file import load_scene
-from pipeline.kernels.vision.camera import project_points
 from pipeline.store.rows import Row
 from schemas.base import COMMON
 from stages.render_vision.stage import RenderVision, VisionSettings
@@ -40,7 +39,7 @@ def rows(settings: VisionSettings, *tasks: tuple[Unit, dict[str, Any]]) -> list[
         return [process(*one) for one in tasks]
 
 
-def test_rows_have_the_shapes_and_types_of_the_schema() -> None:
+def test_rows_are_as_in_the_schema_and_show_object_and_hand() -> None:
     (row,) = rows(VisionSettings(hand=HAND), task("a", 0.15))
     assert {name: (array.shape, array.dtype.name) for name, array in row.items()} == {
         "unoccluded": ((1, 256, 256, 3), "uint8"),
@@ -51,6 +50,12 @@ def test_rows_have_the_shapes_and_types_of_the_schema() -> None:
     declared = {name for name, array in STAGE.output.arrays.items() if array.per_object} - set(COMMON)
     assert set(row) == declared - {"camera_depth"}
     assert set(STAGE.constants(VisionSettings(hand=HAND))) == {"camera"}
+    assert set(np.unique(row["segmentation"][0])) == {0, 1}
+    for view in (1, 2):
+        assert set(np.unique(row["segmentation"][view])) == {0, 1, 2}
+    assert (row["segmentation"][3] == row["segmentation"][0]).all()
+    assert (row["occluded"][2] == row["unoccluded"]).all()
+    assert (row["segmentation"][2] == 2).sum() > (row["segmentation"][1] == 2).sum()  # nearer the camera, larger
 
 
 def test_images_of_one_camera_do_not_depend_on_the_others(tmp_path) -> None:
@@ -89,30 +94,14 @@ def test_cameras_need_not_be_square_but_have_one_size(tmp_path) -> None:
     assert dataset_scene(json.loads(json.dumps(attributes))) == scene
     with pytest.raises(StoreError, match="delete `vision`"):
         dataset_scene({})
-    path.write_text(json.dumps(described | {"cameras": [wide, wide | {"name": "tall", "size": [48, 96]}]}))
-    with pytest.raises(InvalidInput, match="images of several sizes"):
-        load_scene(path)
-    path.write_text(json.dumps(described | {"cameras": [wide | {"resolution": 512}]}))
-    with pytest.raises(InvalidInput, match=r"resolution 512 and size \[96, 48\] are two sizes of one image"):
-        load_scene(path)
-
-
-def test_two_cameras_of_the_same_name_are_refused(tmp_path) -> None:
-    described = yaml.safe_load(description_path("scene", "supplement").read_text())
-    described["cameras"] = [described["cameras"][0] | {"name": "a"}] * 2
-    (tmp_path / "twice.yaml").write_text(json.dumps(described))
-    with pytest.raises(InvalidInput, match="two cameras are called a; rename one"):
-        load_scene(tmp_path / "twice.yaml")
-
-
-def test_images_show_object_and_hand() -> None:
-    (row,) = rows(VisionSettings(hand=HAND), task("a", 0.15))
-    assert set(np.unique(row["segmentation"][0])) == {0, 1}
-    for view in (1, 2):
-        assert set(np.unique(row["segmentation"][view])) == {0, 1, 2}
-    assert (row["segmentation"][3] == row["segmentation"][0]).all()
-    assert (row["occluded"][2] == row["unoccluded"]).all()
-    assert (row["segmentation"][2] == 2).sum() > (row["segmentation"][1] == 2).sum()  # nearer the camera, larger
+    for cameras, words in (
+        ([wide, wide | {"name": "tall", "size": [48, 96]}], "images of several sizes"),
+        ([wide | {"resolution": 512}], r"resolution 512 and size \[96, 48\] are two sizes of one image"),
+        ([wide, wide], "two cameras are called wide; rename one"),
+    ):
+        path.write_text(json.dumps(described | {"cameras": cameras}))
+        with pytest.raises(InvalidInput, match=words):
+            load_scene(path)
 
 
 def test_hand_other_than_that_of_the_grasps_is_refused() -> None:
@@ -154,16 +143,6 @@ def test_without_occluded_only_the_object_is_rendered() -> None:
     (row,) = rows(VisionSettings(hand=HAND, occluded=False, resolution=64), task("a", 0.15))
     assert set(row) == {"unoccluded", "segmentation", "projection"}
     assert row["segmentation"].shape == (1, 1, 64, 64)
-
-
-@pytest.mark.parametrize("resolution", [256, 64])
-def test_camera_matrix_projects_to_the_image(resolution) -> None:
-    settings = VisionSettings(hand=HAND, resolution=resolution)
-    (row,) = rows(settings, task("a", 0.1))
-    camera = row["projection"][0]
-    at = np.argwhere(row["segmentation"][0, 0] == 1).mean(axis=0)[::-1] + 0.5
-    assert camera.shape == (3, 4)
-    assert project_points(camera, np.array([0, 0, 0.6])) == pytest.approx(at, abs=0.01 * resolution)
 
 
 def test_assets_are_files_and_attributes_describe_the_scene() -> None:

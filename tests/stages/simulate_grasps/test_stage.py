@@ -9,7 +9,7 @@ import trimesh
 
 from pipeline.contrib.toy_objects.source import MAKERS, generate
 from pipeline.dataset.mesh_rows import mesh_row
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Unit
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh

@@ -9,7 +9,7 @@ import trimesh
 
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.keys import assets_digest
-from pipeline.engine.unit import Unit
+from pipeline.engine.stage import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.kernels.geometry.mesh import Mesh

@@ -1,4 +1,4 @@
-"""A folder of bad meshes beside good ones: each bad one with a reason, each usable one used, the good ones as if alone."""
+"""A folder of bad meshes beside good ones: each with a reason, or used, the good ones as if alone; and the error of a trade."""
 
 import json
 from pathlib import Path
@@ -10,10 +10,10 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.errors import InvalidInput
-from pipeline.store.collection import Collection
-from pipeline.store.directory import DataDirectory
+from pipeline.store.directory import Collection, DataDirectory
 from schemas.surfaces import SURFACES
 from stages.registry import resolve
+from stages.sample_surfaces import coverage
 
 SPHERE = trimesh.creation.icosphere(subdivisions=2)
 
@@ -151,3 +151,29 @@ def test_million_faces_need_a_higher_limit(tmp_path):
 def test_settings_beyond_the_limits_of_rounding_are_refused(assignment, limit):
     with pytest.raises(InvalidInput, match=f"(greater|less) than or equal to ({limit})"):
         resolve(assignment.partition(".")[0], "standard", [assignment])
+
+
+RADIUS, POINTS = 0.25, 2000
+
+
+def test_distance_to_the_nearest_point_is_that_of_independent_points(tmp_path: Path) -> None:
+    (tmp_path / "meshes").mkdir()
+    trimesh.creation.icosphere(5, RADIUS).export(tmp_path / "meshes" / "ball.ply")
+    for name, points in (("data", POINTS), ("reference", 4 * POINTS)):
+        options = [
+            "--manifest",
+            "directory",
+            "--objects",
+            tmp_path / "meshes",
+            "--units",
+            "m",
+            "--data",
+            tmp_path / name,
+            "--executor",
+            "serial",
+        ]
+        done = CliRunner().invoke(app, [*map(str, ["run", "sample-surfaces", *options, "--set", f"sample-surfaces.points={points}"])])
+        assert done.exit_code == 0, done.output
+    area = 4 * np.pi * RADIUS**2
+    (error,) = coverage(tmp_path / "data", tmp_path / "reference").values()
+    assert error == pytest.approx(1e3 * np.sqrt(area / (np.pi * POINTS)), rel=0.05)  # the reference's own first points give 10 % less
