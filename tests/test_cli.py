@@ -19,8 +19,7 @@ from pipeline.cli.options import make_executor
 from pipeline.config.settings import value_text
 from pipeline.formats.description_file import shipped_files
 from pipeline.tradeoff.sweep import point_folder
-from stages.registry import STAGES, load_stage
-from stages.request import make_request
+from stages.registry import STAGES, load_stage, make_request
 from stages.sample_surfaces import SurfaceSettings
 
 RUN = ["run", "sample-surfaces"]
