@@ -256,20 +256,15 @@ def check_pose(pose: np.ndarray, name: str = "sensor pose") -> Array:
     """Check that a pose (4, 4), sensor frame to world frame, m, is a rigid motion: else it is `InvalidInput`."""
     pose = np.asarray(pose, np.float64)
     check_shape(name, pose, 4, 4)
-    if not np.isfinite(pose).all():
-        raise InvalidInput(f"{name} holds NaN or infinity; it must be finite:\n{pose}")
     rotation = pose[:3, :3]
     with np.errstate(over="ignore", invalid="ignore"):
         deviation = np.abs(rotation.T @ rotation - np.eye(3)).max()
-    if not deviation <= POSE_TOLERANCE:  # NaN, where squares overflow, is neither
+        is_rigid = np.isfinite(pose).all() and deviation <= POSE_TOLERANCE and np.linalg.det(rotation) > 0
+    if not is_rigid or (pose[3] != (0, 0, 0, 1)).any():
         raise InvalidInput(
-            f"{name} is not a rigid motion: its axes are {deviation:.3g} from orthonormal "
-            f"(at most {POSE_TOLERANCE:g}); scale belongs into the mesh, not the pose:\n{pose}"
+            f"{name} is not a rigid motion: its axes are {deviation:.3g} from orthonormal (at most {POSE_TOLERANCE:g}; scale belongs into "
+            f"the mesh), or left-handed, or its last row is not 0 0 0 1 (is the pose transposed?), or it is not finite:\n{pose}"
         )
-    if np.linalg.det(rotation) < 0:
-        raise InvalidInput(f"{name} is not a rigid motion: it mirrors (its axes are left-handed); turn one axis round:\n{pose}")
-    if (pose[3] != (0, 0, 0, 1)).any():
-        raise InvalidInput(f"{name} has the last row {pose[3]}; it must be 0 0 0 1 (is the pose transposed?):\n{pose}")
     return pose
 
 
