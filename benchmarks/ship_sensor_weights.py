@@ -22,7 +22,7 @@ from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.models.shipped_weights import SENSORS, SHIPPED, SensorCard, SensorError, TrainedOn, sensor_card_path
 from pipeline.models.touch_model import LocalTouchModel
-from pipeline.real_touch.train_sensor import PRESSES, save_sensor_network, train_sensor_network
+from pipeline.real_touch import PRESSES, save_sensor_network, train_sensor_network
 from pipeline.rng import numpy_rng
 from stages.train_touch.stage import TouchTrainingSettings
 

@@ -14,7 +14,7 @@ from pipeline.kernels.networks.local_network import LocalNetwork, pixel_position
 from pipeline.kernels.touch.pressed_gel import scaled_gel
 from pipeline.kernels.touch.sensor import Gel, resample
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
-from pipeline.real_touch.train_sensor import save_sensor_network
+from pipeline.real_touch import save_sensor_network
 from stages.train_touch.learner import PressLearner, train_local_network, vary_change
 from stages.train_touch.presses import Presses, random_presses
 from stages.train_touch.stage import TouchTrainingSettings

@@ -1,11 +1,12 @@
-"""Read depth, contact, normals and points in photographs with a sensor's network, and write them to files."""
+"""Photographs of a gel: read depth, contact, normals and points in them with a sensor's network, and train one for one's own sensor."""
 
 import io
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import zarr
@@ -19,12 +20,15 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.photograph_alteration import rim_change
 from pipeline.kernels.touch.photograph_faults import photograph_faults, stop_at, untouched_faults
-from pipeline.kernels.touch.sensor import Sensor, masked_points, resample, sensor_differences
+from pipeline.kernels.touch.sensor import Sensor, masked_points, resample, resample_longer_side, sensor_differences
 from pipeline.models.model_files import DESCRIPTION
 from pipeline.models.shipped_weights import shipped_sensor_network
-from pipeline.models.touch_model import LocalTouchModel, load_touch_model
+from pipeline.models.touch_model import LocalTouchModel, load_touch_model, save_touch_model
 from pipeline.store.atomic import write_atomically
 from pipeline.store.record import named_location
+
+if TYPE_CHECKING:
+    from stages.train_touch.stage import TouchTrainingSettings
 
 ZARR = "touches.zarr"
 MODEL_SUFFIX = "-touch"
@@ -37,6 +41,13 @@ DEEPEST = 2**16 - 1
 RIM_SHARE = 0.03
 """Share of the rim that shows a press, above which the rim counts as pressed. Of public photographs, 26 of 28 whose contact the rim cuts
 have more, and 14 of 84 whose contact lies a radius or more away from it, because light drifts."""
+INPUT_PIXELS = 160
+"""Pixels along the longer side of a network's input, as in `simulate-presses`."""
+PRESSES, WATCHED, STEPS = 1200, 16, 1200
+"""Presses to train on, and to validate on; training steps, for any number of presses."""
+GEL = (0.6, 1.5)
+"""Least and greatest factor of the gel's thickness per press: photographs of balls do not determine it better. Much thinner gels touch the
+object where thicker ones only sink beside it, and contact would become ambiguous."""
 REMEDY = "train one with `vt-pipeline calibrate-sensor --train` or `vt-pipeline run train-touch`, and name its folder with --model"
 
 
@@ -201,3 +212,33 @@ def camera_frames(number: int) -> Iterator[NDArray[np.uint8]]:
             yield np.ascontiguousarray(frame[:, :, ::-1])  # BGR
     finally:
         capture.release()
+
+
+def train_sensor_network(
+    sensor: Sensor,
+    *,
+    seed: int = 0,  # of presses and training
+    presses: int = PRESSES,  # to learn from
+    settings: "TouchTrainingSettings | None" = None,  # by default those of `train-touch`, for `STEPS` steps
+) -> tuple[LocalTouchModel, dict[str, Any]]:  # and facts about the training
+    """Train a local network to read a sensor's photographs, from its file alone: random presses in memory, and no dataset."""
+    from stages.train_touch.learner import train_local_network  # what trains takes a second to import
+    from stages.train_touch.presses import random_presses
+    from stages.train_touch.stage import TouchTrainingSettings
+
+    if settings is None:
+        settings = TouchTrainingSettings()
+        settings = settings.model_copy(update={"epochs": max(1, round(STEPS * settings.batch_size / presses))})
+    network_sensor = resample_longer_side(sensor, INPUT_PIXELS)
+    training, watched = (
+        random_presses(network_sensor, count, press_seed, gel=GEL) for count, press_seed in ((presses, 2 * seed), (WATCHED, 2 * seed + 1))
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        network, facts = train_local_network(training, watched, settings, folder=Path(folder), seed=seed)
+    return LocalTouchModel(network, training.sensor, training.untouched), facts
+
+
+def save_sensor_network(model: LocalTouchModel, folder: Path) -> None:
+    """Write a network into a folder, which is made where it is missing."""
+    folder.mkdir(parents=True, exist_ok=True)
+    save_touch_model(folder, model.network, sensor=model.sensor, untouched=model.untouched)
