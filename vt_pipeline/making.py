@@ -83,21 +83,11 @@ def make(
     """
     manifest = manifest or ("toy" if objects is None else "directory")
     assignments = [assignment(name, value) for name, value in (settings or {}).items()]
+    stated: dict[str, Any] = {"data": str(data), "assignments": assignments, "seed": seed, "units": units, "up": up}
     quiet, answers = console or Console(quiet=True), []
     with Serial() if workers == 1 else WorkerProcesses(workers or len(os.sched_getaffinity(0))) as executor:
         for name in DATASET if stage == "dataset" else (stage,):
-            request = make_request(
-                name,
-                str(manifest),
-                preset,
-                data=str(data),
-                objects=Path(objects) if objects else None,
-                assignments=assignments,
-                seed=seed,
-                units=units,
-                up=up,
-                executor=executor,
-            )
+            request = make_request(name, str(manifest), preset, objects=Path(objects) if objects else None, executor=executor, **stated)
             answers += make_outputs(request, quiet, dry_run=dry_run)
     return answers
 
