@@ -1,7 +1,5 @@
 """The pipeline from Python: its stages make datasets and trained models, which reconstruct what a robot saw and felt."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -108,7 +106,7 @@ def reconstruct(
     training_seed: int = 0,
     accelerator: str = "auto",
     seed: int = 0,
-) -> Prediction:
+) -> "Prediction":
     """Reconstruct the surface of an object that a robot saw or felt.
 
     Parameters

@@ -1,7 +1,5 @@
 """End commands with a message when something is wrong."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys
