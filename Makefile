@@ -178,8 +178,8 @@ docs: setup  ## regenerate the reference pages in docs: arrays, settings, manife
 lint: installed-dev  ## check style, types and import directions
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports --no-cache
 
-# One thread per process: as many processes as cores run the tests.
-PYTEST   := OMP_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile --durations=20
+# One thread per process: as many processes as cores run the tests, file by file in the order of tests/conftest.py.
+PYTEST   := OMP_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder --durations=20
 test: lint  ## run the tests, among them a few objects through every stage (under 10 minutes on 2 cores)
 	@$(PYTEST) -m 'not slow'
 

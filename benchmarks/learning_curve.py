@@ -20,7 +20,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, cloud_distances
 from pipeline.kernels.networks.implicit_network import ImplicitNetwork
 from pipeline.kernels.networks.network_configurations import ImplicitConfig
-from pipeline.models.families import inputs_of, load_reconstructor
+from pipeline.models.families import ROWS, load_reconstructor
 from pipeline.models.model_files import save_model
 from pipeline.models.observation import observed_arrays, stored_observation
 from pipeline.rng import numpy_rng, torch_generator
@@ -30,8 +30,7 @@ from pipeline.training.items import Items
 from pipeline.training.loop import train
 from stages.evaluate.measure import sample_reconstruction
 from stages.registry import resolve
-from stages.train_implicit.learner import ImplicitLearner
-from stages.train_implicit.stage import ImplicitSettings, TrainImplicit
+from stages.train_implicit import ImplicitLearner, ImplicitSettings, TrainImplicit
 
 ANY = "implicit-any"
 POINTS = 10_000
@@ -104,7 +103,7 @@ class Experiment:
     def errors(self, folder: Path, configuration: str) -> list[float]:
         """Measure the Chamfer distance x 9000 of each test object, given one grasp."""
         model = load_reconstructor(configuration, folder)
-        rows = ObjectRows(as_location(self.tested), [*observed_arrays(inputs_of(configuration)), "points"], "test")
+        rows = ObjectRows(as_location(self.tested), [*observed_arrays(ROWS[configuration].inputs), "points"], "test")
         distances = []
         for object_id in self.spread(rows):
             (reconstruction,) = model.reconstruct([stored_observation(rows, object_id, [0], model.config)])

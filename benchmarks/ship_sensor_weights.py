@@ -9,22 +9,24 @@ from pathlib import Path
 import numpy as np
 import torch
 import yaml
+from pydantic import Field
 
 from benchmarks.ball_photographs import gelsight_balls, mini_balls
 from benchmarks.provenance import commit
 from benchmarks.real_touch.photograph_sets import Press, ball_press
 from benchmarks.real_touch.scores import Reading, mean_scores, score
 from benchmarks.ship_weights import check_size
+from pipeline.entries import Entries
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.press_shapes import press_relief
 from pipeline.kernels.touch.pressed_gel import press_gel
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
-from pipeline.models.shipped_weights import SENSORS, SHIPPED, SensorCard, SensorError, TrainedOn, sensor_card_path
+from pipeline.models.shipped_weights import CARD, SENSORS, SHIPPED, TrainedOn
 from pipeline.models.touch_model import LocalTouchModel
 from pipeline.real_touch import PRESSES, save_sensor_network, train_sensor_network
 from pipeline.rng import numpy_rng
-from stages.train_touch.stage import TouchTrainingSettings
+from stages.train_touch import TouchTrainingSettings
 
 FITTED_TO = {
     "gelsight": "the even ones of 48 photographs in the package taxim 1.4.1 (MIT licence, copyright 2021 CMURoboTouch)",
@@ -45,6 +47,37 @@ SIMULATED = "simulated balls"
 RADII, DEPTHS = (2e-3, 5e-3), (2e-4, 1e-3)
 """m, least and greatest, of the simulated balls and of how deep they are pressed in."""
 BALLS = 40
+
+
+class SensorError(Entries):
+    """Mean errors of the depth that a network reads in images of balls.
+
+    Of the shape alone where the depth of a ball is not known.
+    """
+
+    images: int = Field(ge=1)  # how many
+    depth_mm: float | None = Field(default=None, ge=0)  # root of the mean squared error in the contact
+    shape_mm: float = Field(ge=0)  # the same without the mean error
+    normals_deg: float = Field(ge=0)  # mean angle between normals in the contact
+    contact_iou: float = Field(ge=0, le=1)  # intersection over union with the ball's contact
+
+
+class SensorCard(Entries):
+    """The card of a pretrained network that reads a sensor's photographs."""
+
+    sensor: str  # name of the built-in sensor
+    presses: int = Field(ge=1)  # simulated
+    trained_on: tuple[TrainedOn, ...] = Field(min_length=1)
+    commit: str  # of the code that trained it
+    command: str
+    # by kind of images that it was not trained on: simulated; photographs if any
+    errors: dict[str, SensorError] = Field(min_length=1)
+    not_for: str  # uses that it is not meant for
+
+
+def sensor_card_path(sensor: str, weights: Path = SHIPPED) -> Path:
+    """Return the path of the card of a sensor's network."""
+    return weights / SENSORS / CARD.format(sensor)
 
 
 def simulated_balls(sensor: Sensor, count: int) -> list[Press]:
@@ -73,7 +106,7 @@ def errors_of(model: LocalTouchModel, presses: list[Press], untouched: np.ndarra
     """Average a network's errors over presses; `scale` is mm per pixel."""
     scores = []
     for press in presses:
-        indentation, contact = model.read(press.image[None], untouched)
+        indentation, contact, _ = model.read(press.image[None], untouched)
         scores.append(score(Reading(MM * indentation[0].astype(float), contact[0]), press, scale))
     mean = mean_scores(scores)
     return SensorError(

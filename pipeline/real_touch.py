@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import zarr
@@ -18,17 +18,18 @@ from pipeline.formats.description_file import description_path
 from pipeline.formats.image_file import SUFFIXES, image_files
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.depth_maps import gel_surface
-from pipeline.kernels.touch.photograph_alteration import rim_change
-from pipeline.kernels.touch.photograph_faults import photograph_faults, stop_at, untouched_faults
+from pipeline.kernels.touch.photograph_faults import photograph_faults, rim_change, stop_at, untouched_faults
+from pipeline.kernels.touch.press_shapes import random_press
+from pipeline.kernels.touch.pressed_gel import press_gel, scaled_gel
 from pipeline.kernels.touch.sensor import Sensor, masked_points, resample, resample_longer_side, sensor_differences
+from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.models.model_files import DESCRIPTION
 from pipeline.models.shipped_weights import shipped_sensor_network
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model, save_touch_model
+from pipeline.rng import numpy_rng
 from pipeline.store.atomic import write_atomically
 from pipeline.store.record import named_location
-
-if TYPE_CHECKING:
-    from stages.train_touch.stage import TouchTrainingSettings
+from stages.train_touch import Presses, SimulatedPress, TouchTrainingSettings, train_local_network
 
 ZARR = "touches.zarr"
 MODEL_SUFFIX = "-touch"
@@ -131,9 +132,9 @@ class TouchReader:
         if image.shape != self.untouched.shape:
             size, needed = (f"{pixels.shape[1]} x {pixels.shape[0]}" for pixels in (image, self.untouched))
             raise InvalidInput(f"it has {size} pixels, the untouched photograph {needed}; take both with one size, and crop both alike")
-        indentation, contact = self.model.read(image[None], self.untouched, self.pixel_aspect)
+        gel = self.model.read(image[None], self.untouched, self.pixel_aspect)
         rim_pressed = rim_change(image, self.untouched) > RIM_SHARE
-        return TouchReading(indentation[0], contact[0], self.sensor, rim_pressed)
+        return TouchReading(gel.indentation[0], gel.contact[0], self.sensor, rim_pressed)
 
 
 def write_reading(reading: TouchReading, folder: Path, name: str) -> list[Path]:
@@ -219,23 +220,36 @@ def train_sensor_network(
     *,
     seed: int = 0,  # of presses and training
     presses: int = PRESSES,  # to learn from
-    settings: "TouchTrainingSettings | None" = None,  # by default those of `train-touch`, for `STEPS` steps
+    settings: TouchTrainingSettings | None = None,  # by default those of `train-touch`, for `STEPS` steps
 ) -> tuple[LocalTouchModel, dict[str, Any]]:  # and facts about the training
     """Train a local network to read a sensor's photographs, from its file alone: random presses in memory, and no dataset."""
-    from stages.train_touch.learner import train_local_network  # what trains takes a second to import
-    from stages.train_touch.presses import random_presses
-    from stages.train_touch.stage import TouchTrainingSettings
-
     if settings is None:
         settings = TouchTrainingSettings()
         settings = settings.model_copy(update={"epochs": max(1, round(STEPS * settings.batch_size / presses))})
     network_sensor = resample_longer_side(sensor, INPUT_PIXELS)
     training, watched = (
-        random_presses(network_sensor, count, press_seed, gel=GEL) for count, press_seed in ((presses, 2 * seed), (WATCHED, 2 * seed + 1))
+        random_presses(network_sensor, count, press_seed) for count, press_seed in ((presses, 2 * seed), (WATCHED, 2 * seed + 1))
     )
     with tempfile.TemporaryDirectory() as folder:
         network, facts = train_local_network(training, watched, settings, folder=Path(folder), seed=seed)
     return LocalTouchModel(network, training.sensor, training.untouched), facts
+
+
+def random_presses(
+    sensor: Sensor,  # with as many pixels as the images shall have
+    count: int,
+    seed: int,  # of all draws
+    gel: tuple[float, float] = GEL,  # least and greatest factor of gel thickness or membrane width, drawn per press
+) -> Presses:
+    """Press random shapes into a sensor; they stay in memory."""
+    presses = []
+    for number in range(count):
+        rng = numpy_rng(seed, "random-presses", number)
+        press = random_press(sensor, rng)
+        varied = scaled_gel(sensor, rng.uniform(*gel))
+        state = press_gel(press.depth, varied)
+        presses.append(SimulatedPress(render_gel(state.indentation, varied, rng), state.indentation.astype(np.float32), state.contact))
+    return Presses(sensor, untouched_image(sensor), [f"random press {number}" for number in range(count)], presses.__getitem__)
 
 
 def save_sensor_network(model: LocalTouchModel, folder: Path) -> None:

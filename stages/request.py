@@ -31,7 +31,7 @@ def make_request(
     if stage not in STAGES:
         raise InvalidInput(unknown_name("stage", stage, STAGES))
     loaded, assigned = load_stage(stage), tuple(assignments)
-    where = as_location(default_place(manifest, objects) / preset if data is None else data)
+    where = as_location(default_location(manifest, objects) / preset if data is None else data)
     _check_writable(where)
     objects = objects and expanded(objects)
     settings = resolve(stage, preset, assigned)
@@ -55,7 +55,7 @@ def make_request(
     )
 
 
-def default_place(manifest: str, objects: Path | None) -> Path:
+def default_location(manifest: str, objects: Path | None) -> Path:
     """Name the default data directory; it contains the name of a folder of meshes, so that two folders do not share it."""
     return Path("data") / (Path(manifest).stem + (f"-{Path(os.path.abspath(objects)).name}" if objects else ""))
 

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 from pipeline.engine.stage import ObjectStage
-from pipeline.models.families import FAMILIES, GRASP_CONFIGURATIONS, family_of
+from pipeline.models.families import FAMILIES, ROWS
 from stages.registry import STAGES, load_stage
-from stages.request import default_place
+from stages.request import default_location
 
 ROOT = Path(__file__).parents[1]
 
@@ -54,10 +54,10 @@ def rules_of_stages(settings: Mapping[str, dict[str, Any]]) -> dict[str, list[st
     return {name: [makers[artifact_name] for artifact_name in artifact_names] for name, artifact_names in reads.items()}
 
 
-@pytest.mark.parametrize("configuration", GRASP_CONFIGURATIONS)
+@pytest.mark.parametrize("configuration", [name for name, row in ROWS.items() if row.network == name and row.inputs.image != "rendering"])
 def test_prerequisites_are_the_stages_inputs(configuration, tmp_path):
     chosen = {f"train-{name}": next(iter(family)) for name, family in FAMILIES.items() if name}
-    chosen[f"train-{family_of(configuration)}"] = configuration
+    chosen[f"train-{ROWS[configuration].family}"] = configuration
     trained = {name: {"configuration": value} for name, value in chosen.items()}
     read = rules_of_stages(trained | {"evaluate": {"configurations": (configuration,)}})
     targets = {name: f"{name}.0" if isinstance(load_stage(name), ObjectStage) else name for name in STAGES}
@@ -260,7 +260,7 @@ def test_default_data_directory_is_that_of_the_command(manifest, objects, tmp_pa
     assert workplace.make("summary", f"MANIFEST={manifest}", f"OBJECTS={objects}").returncode == 0
     monkeypatch.chdir(workplace.root)
     summary = next(call for call in workplace.calls() if call[0] == "summary")
-    assert summary == ["summary", str(default_place(manifest, Path(objects)) / "draft")]
+    assert summary == ["summary", str(default_location(manifest, Path(objects)) / "draft")]
 
 
 # ---- shards

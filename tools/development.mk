@@ -23,7 +23,7 @@ sensor-weights: $$(if $$(REAL),installed-peers,setup)  ## train the networks tha
 
 test-cpus: lint  ## run the tests as on older processors: without AVX-512, and without AVX2 and FMA
 	@for name in haswell prescott; do \
-	    echo "as on $$name"; OMP_NUM_THREADS=1 $(BIN)/python -m checks.processors $$name $(BIN)/pytest -n auto --dist loadfile -m 'not slow' || exit 1; done
+	    echo "as on $$name"; OMP_NUM_THREADS=1 $(BIN)/python -m checks.processors $$name $(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder -m 'not slow' || exit 1; done
 	@$(BIN)/pytest -n 0 checks/same_bytes.py
 
 test-slow: lint  ## run the same tests at full size

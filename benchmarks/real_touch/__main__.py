@@ -85,7 +85,7 @@ def read_by(model: LocalTouchModel, photographs: PhotographSet) -> Method:
     """Make a method that reads with a trained network."""
 
     def read(image: NDArray[np.uint8]) -> Reading:
-        indentation, contact = model.read(image[None], photographs.untouched)
+        indentation, contact, _ = model.read(image[None], photographs.untouched)
         return Reading(MM * indentation[0].astype(float), contact[0])
 
     return read

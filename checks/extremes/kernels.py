@@ -20,10 +20,9 @@ from pipeline.kernels.geometry.mesh_cleaning import POSITION, clean_mesh, normal
 from pipeline.kernels.geometry.signed_distance import rms_distance_to_surface, signed_distances
 from pipeline.kernels.hand.distance_field import build_distance_field
 from pipeline.kernels.hand.kinematics import forward_kinematics
-from pipeline.kernels.metrics.chamfer import chamfer
+from pipeline.kernels.metrics.chamfer import chamfer, sample_surface
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
 from pipeline.kernels.metrics.surface_quality import surface_area
-from pipeline.kernels.metrics.surface_sampling import sample_surface
 from pipeline.kernels.touch.depth_maps import in_gel, local_points
 from pipeline.kernels.touch.ray_depth import box_faces, ray_depth, sphere_traced_depth
 from pipeline.kernels.touch.sensor import pixel_centres
@@ -378,7 +377,7 @@ KERNELS = (
     Kernel("charts/chart_fitting: fit_charts", chart_residuals, 1e-12, "sensor width"),
     Kernel("metrics/chamfer: chamfer", chamfer_in_training, 1e-6),
     Kernel("metrics/cloud_distances: cloud_distances", chamfer_in_evaluation, 1e-14),
-    Kernel("metrics/surface_sampling: sample_surface", samples_in_training, 5e-7),
+    Kernel("metrics/chamfer: sample_surface", samples_in_training, 5e-7),
     Kernel("metrics/surface_quality: surface_area", area, 1e-6, "area"),
 )
 """All that take geometry; networks, which take images and graphs, have twins of their own in `tests/kernels/networks`."""

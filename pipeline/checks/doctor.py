@@ -8,7 +8,7 @@ from functools import partial
 
 APT = "apt-get install -y libegl1 libgl1 libxrender1 libgl1-mesa-dri"
 """What Debian and Ubuntu need for rendering without a screen."""
-LEARNING = ("lightning_fabric", "safetensors", "tensorboard")
+LEARNING = ("safetensors", "tensorboard")
 
 MODULES = ("torch", "pybullet", "trimesh", "embreex", "igl", "numba", "zarr", "pydantic_zarr", "scipy", "matplotlib", "xarray", *LEARNING)
 

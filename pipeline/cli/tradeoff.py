@@ -26,7 +26,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location, on_disk
 from pipeline.tradeoff import sweep as sweeps
 from stages.registry import DATASET, STAGES, TRADED, load_stage, resolve
-from stages.request import default_place, make_request
+from stages.request import default_location, make_request
 
 if TYPE_CHECKING:  # the commands below import these when they are called: scipy and matplotlib take most of a second
     from pipeline.tradeoff.advice import Choice, Workload
@@ -128,7 +128,7 @@ def advise(
 
     if (within is None) == (error is None):
         fail("give either --within or --error")
-    where = on_disk(as_location(default_place(manifest, None) / preset if data is None else data))
+    where = on_disk(as_location(default_location(manifest, None) / preset if data is None else data))
     if where is None:
         fail(f"--data {data}: give the folder that `vt-pipeline tradeoff` measured into")
     limit = None if error is None else parse_limit(error)  # before anything else, so that a mistake in it is reported first

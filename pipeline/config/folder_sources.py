@@ -2,6 +2,7 @@
 
 import csv
 import io
+from collections import defaultdict
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from pipeline.config.mesh_layout import FoundObjects, Layout, as_name, find_objects
+from pipeline.config.mesh_layout import Layout, MeshFile, as_name, find_objects
 from pipeline.config.sources import MeshSource, Object
 from pipeline.console import abbreviate, pluralise
 from pipeline.errors import InvalidInput
@@ -55,36 +56,35 @@ class Directory(FolderSource):
 
     def list_objects(self, root: Path | None) -> Iterator[Object]:
         """List every mesh file below the folder, except hidden ones."""
-        folder, _, objects = self._find_objects(root)
-        for item in objects.objects:
+        folder, _, objects, _ = self._listing(root)
+        for item in objects:
             yield Object(item.name, item.category or self.category, self.describe(folder / item.file, folder))
 
-    def _find_objects(self, root: Path | None) -> tuple[Path, list[Path], FoundObjects]:
+    def remarks(self, root: Path | None) -> Iterator[str]:
+        """Name a layout that was recognised, other meshes of one object, formats that are not read, and links, which are not followed."""
+        folder, entries, _, remarks = self._listing(root)
+        yield from remarks
+        files_by_reason = defaultdict[str, list[str]](list)
+        for path in entries:
+            if path.is_symlink() and path.is_dir():
+                files_by_reason["links to folders are not followed; copy what they lead to"].append(str(path.relative_to(folder)))
+            elif (suffix := path.suffix.lower()) in UNREAD:
+                reason = f"{suffix} cannot be read; convert to one of {', '.join(MESH_SUFFIXES)}"
+                files_by_reason[reason].append(str(path.relative_to(folder)))
+        for reason, files in files_by_reason.items():
+            yield f"skipped {pluralise(len(files), 'file')} ({abbreviate(files)}): {reason}"
+
+    def _listing(self, root: Path | None) -> tuple[Path, list[Path], list[MeshFile], list[str]]:
+        """List the folder, everything below it, the objects, and what `find_objects` says of them."""
         folder = self.folder(root, "a folder of meshes")
         entries = sorted(islice(folder.rglob("*"), MAX_ENTRIES + 1))
         if len(entries) > MAX_ENTRIES:
             raise InvalidInput(f"{folder.resolve()} has more than {MAX_ENTRIES} files and folders; give the folder of the meshes alone")
-        relative = [path.relative_to(folder) for path in entries if not path.is_dir()]
-        files = [file for file in relative if file.suffix.lower() in MESH_SUFFIXES and not any(part.startswith(".") for part in file.parts)]
+        relative = [path.relative_to(folder) for path in entries if path.suffix.lower() in MESH_SUFFIXES and not path.is_dir()]
+        files = [file for file in relative if not any(part.startswith(".") for part in file.parts)]
         if not files:
             raise InvalidInput(f"no mesh files below {folder.resolve()}; looked for {', '.join(MESH_SUFFIXES)} in all its sub-folders")
-        return folder, entries, find_objects(files, self.layout)
-
-    def remarks(self, root: Path | None) -> Iterator[str]:
-        """Name a layout that was recognised, other meshes of one object, formats that are not read, and links, which are not followed."""
-        folder, entries, objects = self._find_objects(root)
-        yield from objects.remarks()
-        files_by_reason: dict[str, list[str]] = {}
-        for path in entries:
-            if path.is_symlink() and path.is_dir():
-                files_by_reason.setdefault("links to folders are not followed; copy what they lead to", []).append(
-                    str(path.relative_to(folder))
-                )
-            elif path.suffix.lower() in UNREAD:
-                reason = f"{path.suffix.lower()} cannot be read; convert to one of {', '.join(MESH_SUFFIXES)}"
-                files_by_reason.setdefault(reason, []).append(str(path.relative_to(folder)))
-        for reason, files in files_by_reason.items():
-            yield f"skipped {pluralise(len(files), 'file')} ({abbreviate(files)}): {reason}"
+        return folder, entries, *find_objects(files, self.layout)
 
 
 class Catalogue(FolderSource):
@@ -109,31 +109,25 @@ class Catalogue(FolderSource):
             if missing := [name for name in ("object_id", "category", "file", "up") if name not in (lines.fieldnames or ())]:
                 raise InvalidInput(f"{file.resolve()} has no column {', '.join(missing)}; its first line names the columns")
             for line in lines:
+                where, path, stated = f"{file.resolve()}: {line['object_id']}", Path(line["file"]), line.get("metres_per_unit")
                 if line["up"] not in ("", "x", "y", "z"):
-                    raise InvalidInput(f"{file.resolve()}: {line['object_id']} has up {line['up']!r}; it must be x, y, z or empty")
-                if Path(line["file"]).is_absolute() or ".." in Path(line["file"]).parts:
-                    raise InvalidInput(
-                        f"{file.resolve()}: {line['object_id']} has file {line['file']!r}; it must be a path below {folder.resolve()}"
-                    )
-                unit = _unit(line.get("metres_per_unit", ""), f"{file.resolve()}: {line['object_id']}")
-                source = self.describe(folder / line["file"], folder, line["up"], unit)
-                yield Object(line["object_id"], as_name(line["category"]), source)
+                    raise InvalidInput(f"{where} has up {line['up']!r}; it must be x, y, z or empty")
+                if path.is_absolute() or ".." in path.parts:
+                    raise InvalidInput(f"{where} has file {line['file']!r}; it must be a path below {folder.resolve()}")
+                unit = _number(stated) if stated else None
+                if unit is not None and not LEAST_UNIT <= unit <= GREATEST_UNIT:
+                    bounds = f"from {LEAST_UNIT:g} to {GREATEST_UNIT:g}"
+                    raise InvalidInput(f"{where} has metres_per_unit {stated!r}; it must be a number {bounds}, 0.001 for mm, or empty")
+                yield Object(line["object_id"], as_name(line["category"]), self.describe(folder / path, folder, line["up"], unit))
         except csv.Error as error:
             raise InvalidInput(f"{file.resolve()} cannot be read as CSV: {error}") from error
 
 
-def _unit(text: str, line: str) -> float | None:
-    """Read the unit of a line, m; None if it states none."""
-    if not text:
-        return None
+def _number(text: str) -> float:
     try:
-        unit = float(text)
+        return float(text)
     except ValueError:
-        unit = 0.0
-    if not LEAST_UNIT <= unit <= GREATEST_UNIT:
-        bounds = f"from {LEAST_UNIT:g} to {GREATEST_UNIT:g}"
-        raise InvalidInput(f"{line} has metres_per_unit {text!r}; it must be a number {bounds}, 0.001 for mm, or empty")
-    return unit
+        return 0.0
 
 
 class ShapeNet(FolderSource):

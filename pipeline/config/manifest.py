@@ -3,11 +3,11 @@
 import hashlib
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import count, pairwise
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, PlainValidator, SerializeAsAny, model_validator
 
@@ -92,12 +92,9 @@ class Manifest(Entries):
     )
 
     def objects(self, root: Path | None = None) -> list[Object]:
-        """List every object in id order, with its category, source and split.
+        """List every object in id order, with its category, source and split; errors name the folder or file and the remedy.
 
-        `root` is the folder of meshes for a source that names none, or instead of that of the only one. An
-        `InvalidInput` names the folder or file and the remedy: no objects, a folder or file that is not
-        there, an id that repeats or cannot name a file, a category with control characters or called `all`, an empty
-        one, counts that do not match.
+        `root` is the folder of meshes for a source that names none, or instead of that of the only one.
         """
         sources = self._with_roots(root)
         try:
@@ -112,8 +109,7 @@ class Manifest(Entries):
     def with_units(self, units: str | None, up: str | None) -> "Manifest":
         """Return the manifest with units, of `METRES`, for sources without any, and another up-axis for all mesh files.
 
-        An entry of one file, in a catalogue or of PyBullet's, keeps what it states. An `InvalidInput` says that no
-        source is of mesh files, or that units are given and each states its own.
+        An entry of one file, in a catalogue or of PyBullet's, keeps what it states.
         """
         if units is None and up is None:
             return self
@@ -125,21 +121,11 @@ class Manifest(Entries):
                 f"every source of manifest {self.name} states its metres_per_unit; leave --units {units} out, or correct the manifest"
             )
         metres = METRES[units] if units else None
-        changed = (
-            source.model_copy(update={"metres_per_unit": source.metres_per_unit or metres, "up": up or source.up})
-            if isinstance(source, MeshSource)
-            else source
-            for source in self.sources
-        )
-        return self.model_copy(update={"sources": tuple(changed)})
+        return self._with(MeshSource, lambda source: {"metres_per_unit": source.metres_per_unit or metres, "up": up or source.up})
 
-    def _with_paths_below(self, folder: Path) -> "Manifest":
-        sources = [
-            source.model_copy(update={"path": folder / expanded(source.path)})
-            if isinstance(source, FolderSource) and source.path
-            else source
-            for source in self.sources
-        ]
+    def _with(self, kind: Any, changes: Callable[[Any], dict[str, Any]]) -> "Manifest":
+        """Return the manifest with other entries of the sources of a kind."""
+        sources = [source.model_copy(update=changes(source)) if isinstance(source, kind) else source for source in self.sources]
         return self.model_copy(update={"sources": tuple(sources)})
 
     def remarks(self, root: Path | None = None) -> list[str]:
@@ -222,4 +208,6 @@ def load_manifest(name_or_path: str) -> Manifest:
     """
     file = description_path("manifest", name_or_path)
     manifest = read_description("manifest", file, Manifest)
-    return manifest if str(name_or_path) in shipped_files("manifest") else manifest._with_paths_below(file.parent)
+    if str(name_or_path) in shipped_files("manifest"):
+        return manifest
+    return manifest._with(FolderSource, lambda source: {"path": source.path and file.parent / expanded(source.path)})

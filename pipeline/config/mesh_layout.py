@@ -4,10 +4,9 @@ import hashlib
 import os
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from pipeline.console import abbreviate, pluralise
 from pipeline.formats.file_content import MESH_SUFFIXES
@@ -22,38 +21,19 @@ GENERIC = {"model", "mesh", "object", "textured", "textured_simple", "textured_m
 """File names that do not name an object."""
 
 
-@dataclass(frozen=True)
-class MeshFile:
-    """A mesh file that is an object: its path below the folder, the object's id, and its category if a folder names one."""
+class MeshFile(NamedTuple):
+    """A mesh file that is an object."""
 
-    file: Path
+    file: Path  # below the folder of meshes
     name: str
-    category: str | None
+    category: str | None  # None if no folder names one
 
 
-@dataclass(frozen=True)
-class FoundObjects:
-    """The objects among mesh files; the number of them that are folders, and the files that are other meshes of these."""
-
-    objects: list[MeshFile]
-    folders: int
-    others: list[Path]
-
-    def remarks(self) -> Iterator[str]:
-        """Report a layout with a folder per object, and the meshes that it leaves out."""
-        if self.folders:
-            example = next(item for item in self.objects if item.file.parent.parts)
-            yield (
-                f"a folder per object: {pluralise(self.folders)}, such as {example.name} from {example.file.as_posix()} (`layout: files` "
-                "in a manifest of your own makes an object of each file)"
-            )
-        if self.others:
-            names = [file.as_posix() for file in self.others]
-            yield f"skipped {pluralise(len(names), 'file')} ({abbreviate(names)}): another mesh of the same object is taken"
-
-
-def find_objects(files: Sequence[Path], layout: Layout | None = None) -> FoundObjects:
-    """Find the objects among mesh files, given by sorted paths below the folder of meshes.
+def find_objects(
+    files: Sequence[Path],  # sorted, below the folder of meshes
+    layout: Layout | None = None,
+) -> tuple[list[MeshFile], list[str]]:
+    """Find the objects among mesh files, and say what was recognised and what is skipped.
 
     With layout "files", each is an object, whose category is the top folder. With "folders", each folder is an object,
     whose category is the top folder if there is one above it. The default is "folders" where most folders hold meshes
@@ -67,7 +47,7 @@ def find_objects(files: Sequence[Path], layout: Layout | None = None) -> FoundOb
         homes[_home(file)].append(file)
     loose = homes.pop((), [])
     single = {home for home, meshes in homes.items() if layout == "folders" or (layout is None and len(_names(meshes)) < 2)}
-    if layout is None and not (len(single) > len(homes) / 2 and (len(single) > 1 or _named_by_folder(*homes.items()))):
+    if layout is None and not (len(single) > len(homes) / 2 and (len(single) > 1 or _named_by_folder(homes))):
         single = set()
     objects, others = [_by_file(file) for file in loose], []
     for home, meshes in homes.items():
@@ -77,9 +57,19 @@ def find_objects(files: Sequence[Path], layout: Layout | None = None) -> FoundOb
             others += [file for file in meshes if file is not best]
         else:
             objects += [_by_file(file) for file in meshes]
+    remarks = list[str]()
+    if single:
+        example = next(item for item in objects if item.file.parent.parts)
+        remarks.append(
+            f"a folder per object: {pluralise(len(single))}, such as {example.name} from {example.file.as_posix()} (`layout: files` in a "
+            "manifest of your own makes an object of each file)"
+        )
+    if others:
+        names = [file.as_posix() for file in sorted(others)]
+        remarks.append(f"skipped {pluralise(len(names), 'file')} ({abbreviate(names)}): another mesh of the same object is taken")
     repeated = Counter(item.name for item in objects)
-    unique = [item if repeated[item.name] == 1 else replace(item, name=f"{item.name}-{item.file.suffix[1:].lower()}") for item in objects]
-    return FoundObjects(unique, len(single), sorted(others))
+    unique = [item if repeated[item.name] == 1 else item._replace(name=f"{item.name}-{item.file.suffix[1:].lower()}") for item in objects]
+    return unique, remarks
 
 
 def as_name(*parts: str) -> str:
@@ -110,8 +100,8 @@ def _names(files: Sequence[Path]) -> set[str]:
     return {file.stem.lower() for file in visible} - GENERIC
 
 
-def _named_by_folder(first: tuple[tuple[str, ...], Sequence[Path]], *_: object) -> bool:
-    home, files = first
+def _named_by_folder(homes: Mapping[tuple[str, ...], Sequence[Path]]) -> bool:
+    home, files = next(iter(homes.items()))
     return _names(files) <= {home[-1].lower()}
 
 

@@ -51,12 +51,7 @@ class GraspPictures:
         """Add an object to the renderer for as long as the context lasts, and look at a grasp of it from a second side."""
         mesh = read_mesh(rows["surfaces"])
         with self.renderer.added(mesh, Label.OBJECT) as handle:
-            row, depth = rows["grasps"], rows["touch"]["depth"][grasp]
-            yield SecondSide(self, (handle, np.eye(4)), mesh, {name: row[name][grasp] for name in GRASP}, depth, pixels)
-
-
-GRASP = ("hand_pose", "joint_angles", "sensor_pose", "touch_success")
-"""Arrays of `grasps` that a picture needs."""
+            yield SecondSide(self, (handle, np.eye(4)), mesh.vertices, rows, grasp, pixels)
 
 
 class SecondSide:
@@ -66,13 +61,15 @@ class SecondSide:
         self,
         pictures: GraspPictures,
         posed_object: PosedMesh,
-        mesh: Mesh,  # the object's
-        grasp: Mapping[str, np.ndarray],  # arrays named `GRASP`
-        depth: NDArray[np.float32],  # (S, rows, cols) m
+        vertices: Array,  # (V, 3) of the object, world, m
+        rows: Rows,
+        grasp: int,
         pixels: int,  # per side
     ) -> None:
-        self.pictures, self.posed_object, self.mesh, self.grasp, self.depth = pictures, posed_object, mesh, grasp, depth
-        self.squares = gel_squares(grasp["sensor_pose"], pictures.sensors)  # drawn over images to mark what hides a patch
+        self.pictures, self.posed_object, self.vertices = pictures, posed_object, vertices
+        self.grasp = {name: rows["grasps"][name][grasp] for name in ("hand_pose", "joint_angles", "sensor_pose", "touch_success")}
+        self.depth = rows["touch"]["depth"][grasp]  # (S, rows, cols) m
+        self.squares = gel_squares(self.grasp["sensor_pose"], pictures.sensors)  # drawn over images to mark what hides a patch
         self.colors = finger_colors(len(self.squares))
         self.camera = pictures.scene.square_camera(pixels)
 
@@ -107,8 +104,8 @@ class SecondSide:
 
     def touched(self) -> Picture:
         """Render the whole object without the hand, the surface that each sensor touched in its colour."""
-        camera = towards(self.camera, self.mesh.vertices, camera_pose(self.near)[:3, 2])
-        camera = zoomed(camera, np.vstack([self.mesh.vertices, self.squares.reshape(-1, 3)]))
+        camera = towards(self.camera, self.vertices, camera_pose(self.near)[:3, 2])
+        camera = zoomed(camera, np.vstack([self.vertices, self.squares.reshape(-1, 3)]))
         sites = zip(self.depth, self.grasp["sensor_pose"], self.pictures.sensors, self.colors, strict=True)
         patches = [touch_patch(*site) for site, contact in zip(sites, self.grasp["touch_success"], strict=True) if contact]
         with ExitStack() as added:

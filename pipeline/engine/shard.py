@@ -89,13 +89,9 @@ class ShardPlan(Plan):
 
     def _labels(self, object_id: str) -> Row:
         """Read the labels of dimensions from the inputs' shards of the same number, which hold this object: others may be out of date."""
-        labels: Row = {}
-        for collection in self.inputs:
-            shard = collection.shard(object_id)
-            for name, array in self.artifact.arrays.items():
-                if array.is_coordinate and shard.has(name):
-                    labels[name] = shard.read(name)
-        return labels
+        labels = [name for name, array in self.artifact.arrays.items() if array.is_coordinate]
+        shards = [collection.shard(object_id) for collection in self.inputs]
+        return {name: shard.read(name) for shard in shards for name in labels if shard.has(name)}
 
     def _unit(self, item: Object) -> Unit:
         """Plan an object's row, from its source or from its rows of the inputs."""
@@ -156,10 +152,10 @@ class ShardPlan(Plan):
         """Check that the shard is published, complete, has the current key, and holds no failure to retry."""
         if not self.units:
             return not exists(self.record_path)
-        record, shard = self.record, self.shard
-        if shard is None or record is None or record.key != self.key:
+        shard = self.shard
+        if shard is None or shard.record.key != self.key:
             return False
-        if any(self._is_retried(row.object_id, row.failure) for row in record.rows):
+        if any(self._is_retried(row.object_id, row.failure) for row in shard.record.rows):
             return False
         return not problems_of(shard) if self.request.check else shard.is_complete()
 
@@ -172,8 +168,8 @@ class ShardPlan(Plan):
 
     def current(self) -> Made:
         """Count the objects of the shard, and name those that failed."""
-        rows = {row.object_id: row.failure for row in self.record.rows} if self.record else {}
-        return self.answer(f"up to date, {pluralise(len(self.units))}", rows)
+        failures = {row.object_id: row.failure for row in self.record.rows} if self.record else {}
+        return self.answer(f"up to date, {pluralise(len(self.units))}", failures)
 
     def answer(self, text: str, failures: Mapping[str, Failure | None] | None = None, end: str = "", **facts: Any) -> Made:
         """Say what was made, and which of the requested objects failed."""
@@ -220,7 +216,6 @@ class ShardPlan(Plan):
         """Process pending units, then publish.
 
         With `only`, nothing is published if readers would lose a row that must be made again first, or that cannot be read.
-        A shard without objects is withdrawn.
         """
         only = self.request.only
         self.directory.set_shard_count(self.shards)
@@ -282,9 +277,9 @@ class ShardPlan(Plan):
             raise StageError(f"{self.stage.name}: files of {abbreviate(changed)} changed meanwhile; run again: what is finished is kept")
 
     def _check_strictness(self, result: Result) -> None:
-        failed_here = result.failure and result.failure.stage == self.stage.name
-        if self.request.strict and result.failure and failed_here and self.request.only in (None, result.name):
-            raise InvalidInput(f"{result.name}: {result.failure.reason} (--strict: stopped at the first failure)")
+        failure, only = result.failure, self.request.only
+        if self.request.strict and failure and failure.stage == self.stage.name and only in (None, result.name):
+            raise InvalidInput(f"{result.name}: {failure.reason} (--strict: stopped at the first failure)")
 
     def _publish(self, results: list[Result]) -> None:
         """Publish results, one for each unit."""

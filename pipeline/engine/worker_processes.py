@@ -74,7 +74,8 @@ class WorkerProcesses(Executor):
                         if unit is None and deaths[name] == TRIES:
                             raise opening_error(work.stage.name) from None
                         if unit and deaths[name] == TRIES:
-                            result = record_crash(work, unit, timed_out=worker.exit_code() == -signal.SIGALRM)
+                            worker.process.join()
+                            result = record_crash(work, unit, timed_out=worker.process.exitcode == -signal.SIGALRM)
                         elif unit:
                             waiting.append(unit)
                         if waiting:
@@ -155,11 +156,6 @@ class _Worker:
             raise error
         return result
 
-    def exit_code(self) -> int | None:
-        """Wait for the end of the process; return its exit code, the negative number of the signal that ended it."""
-        self.process.join()
-        return self.process.exitcode
-
     def kill(self) -> None:
         """End the process at once."""
         self.process.kill()
@@ -169,7 +165,7 @@ class _Worker:
 
 def _serve(connection: Connection) -> None:
     """Process what the parent sends until it closes the connection."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=end_with_parent, daemon=True).start()
     with suppress(EOFError, ConnectionError):
         while True:
             reply: tuple[Any, Exception | None]
@@ -185,7 +181,7 @@ def _serve(connection: Connection) -> None:
     os._exit(0)  # an orderly exit of the interpreter takes half a second
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
     """End this process when its parent was killed, even in the middle of a unit."""
     parent = multiprocessing.parent_process()
     assert parent

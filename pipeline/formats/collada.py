@@ -29,6 +29,8 @@ from pipeline.kernels.arrays import Array, Integers
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import compose, sin_cos
 
+Look = tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None]
+"""Colour (4,) and texture."""
 SURFACES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 UNREAD_SHAPES = {
     "instance_controller": "a skin or a morph (instance_controller)",
@@ -64,14 +66,13 @@ class _Document:
             element.tag = element.tag.rpartition(":")[2]
         self._by_id = _by_id(root)
         self._parts: dict[str, list[_Part]] = {}
-        self._looks: dict[str, tuple[NDArray[np.uint8], NDArray[np.uint8] | None]] = {}
+        self._looks: dict[str, Look] = {}
         self._instances = 0
 
     def scene(self) -> Iterator[Mesh]:
         """Build the surfaces of the scene that the file shows."""
         shown = self._root.find("scene/instance_visual_scene")
-        scene = None if shown is None else self._named(shown.get("url"))
-        if scene is None:
+        if shown is None or (scene := self._named(shown.get("url"))) is None:
             raise InvalidInput("it shows no scene (instance_visual_scene); export it again")
         for node in scene.findall("node"):
             yield from self._node(node, np.eye(4), 0)
@@ -109,9 +110,8 @@ class _Document:
             self._parts[name] = [self._part(surface, names) for surface in geometry.findall("mesh/*") if surface.tag in SURFACES]
         materials = {bound.get("symbol"): bound.get("target") for bound in instance.iter("instance_material")}
         for part in self._parts[name]:
-            faces = np.arange(len(part.positions)).reshape(-1, 3)
             color, image = self._look(materials.get(part.symbol))
-            vertices, faces = posed(pose, part.positions, faces)
+            vertices, faces = posed(pose, part.positions, np.arange(len(part.positions)).reshape(-1, 3))
             yield build_part(
                 vertices,
                 faces,
@@ -131,8 +131,7 @@ class _Document:
         for given in surface.findall("input"):
             offset, source = int(given.get("offset", 0)), _target(given.get("source"), names)
             stride = max(stride, offset + 1)
-            is_vertex = given.get("semantic") == "VERTEX" and source is not None
-            for named in source.findall("input") if is_vertex and source is not None else [given]:
+            for named in source.findall("input") if source is not None and given.get("semantic") == "VERTEX" else [given]:
                 inputs.setdefault(named.get("semantic", ""), (offset, _source(named.get("source"), names)))
         corners, sizes = _polygons(surface, stride)
         if not len(corners):
@@ -142,28 +141,26 @@ class _Document:
         offset, positions = inputs["POSITION"]
         triangles, _ = cut_polygons(corners[:, offset], sizes, positions, self._unread)
         of = {meaning: _rows(values, corners[triangles.ravel(), column]) for meaning, (column, values) in inputs.items()}
-        uv, color = of.get("TEXCOORD"), of.get("COLOR")
-        color = None if color is None or color.shape[1] not in (3, 4) else eight_bits(color, fractions=True)
+        uv, levels = of.get("TEXCOORD"), of.get("COLOR")
+        color = None if levels is None or levels.shape[1] not in (3, 4) else eight_bits(levels, fractions=True)
         return _Part(surface.get("material", ""), of["POSITION"][:, :3], None if uv is None else uv[:, :2], color)
 
-    def _look(self, material: str | None) -> tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None]:
-        """Read colour (4,) and texture of a material; none of one that is not in the file."""
+    def _look(self, material: str | None) -> Look:
+        """Read colour and texture of a material; none of one that is not in the file."""
         key = material or ""
         if key not in self._looks:
             instance = None if (named := self._named(material)) is None else named.find("instance_effect")
             effect = None if instance is None else self._named(instance.get("url"))
-            if effect is None:
-                return None, None
-            self._looks[key] = self._paint(effect)
+            self._looks[key] = (None, None) if effect is None else self._paint(effect)
         return self._looks[key]
 
-    def _paint(self, effect: Element) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
-        """Read the colour (4,) and the texture of an effect: emission, where it is the only colour."""
+    def _paint(self, effect: Element) -> Look:
+        """Read an effect: its diffuse colour, or emission where that is the only colour, and opacity."""
         params = {param.get("sid"): param for param in effect.iter("newparam")}
         for sampler in effect.iter("sampler2D"):
             if wraps := [wrap for axis in "st" if (wrap := sampler.findtext(f"wrap_{axis}", "WRAP").strip()) != "WRAP"]:
-                image = self._image(sampler.findtext("source", ""), params)
-                self._unread.append(f"{image} repeats where coordinates are outside 0 to 1; the file says {wraps[0]}")
+                name = self._image(sampler.findtext("source", ""), params)
+                self._unread.append(f"{name} repeats where coordinates are outside 0 to 1; the file says {wraps[0]}")
         shader = next((part for part in effect.iter() if part.tag in SHADERS), Element("constant"))
         diffuse, emission, transparent = (_first(shader.find(name)) for name in ("diffuse", "emission", "transparent"))
         shown = emission if _shows(emission) and not _shows(diffuse) else diffuse

@@ -180,8 +180,6 @@ def entry_names(model: type[BaseModel]) -> set[str]:
 
 def _describe(kind: str, name: str, message: str, guess: str | None, value: str) -> str:
     if kind == "extra_forbidden":
-        if (name, guess) == ("camera", "cameras"):  # of files that were written when scenes had one
-            return "there is no entry camera: scenes now list `cameras`; write `cameras:` and the camera below it as `- name: front`, …"
         return f"there is no entry {name}" + (f", did you mean {guess}?" if guess else "")
     if kind in ("missing", "union_tag_not_found"):
         return f"entry {name} is missing"

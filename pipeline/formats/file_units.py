@@ -1,6 +1,5 @@
 """Read the unit and the up-axis that a mesh file or its format's specification states."""
 
-import io
 import re
 from contextlib import suppress
 from pathlib import Path
@@ -11,7 +10,6 @@ from pipeline.formats.threemf_package import HEAD_BYTES, Package
 COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.3048}  # metres per unit, by its sign
 LEAST_UNIT, GREATEST_UNIT = 1e-9, 1e9  # bounds of metres per unit: in others, sizes round to 0 or overflow
-MAX_LISTING = 2**20  # bytes that are read at a time of the list of a 3MF file's members: 10,000 of them
 THREEMF = {b"micron": 1e-6, b"millimeter": 1e-3, b"centimeter": 1e-2, b"inch": 0.0254, b"foot": 0.3048, b"meter": 1.0}
 """Metres per unit, by its name in a 3MF file."""
 
@@ -44,21 +42,13 @@ def _collada(file: Path) -> tuple[float | None, str]:
 
 
 def _threemf(file: Path) -> float | None:
-    with _Head(file) as content:
+    with file.open("rb") as content:
         package = Package(content)
         head = package.head(package.main)
     if not head:
         return None
     unit = _attribute(head, rb"model", rb"unit")
     return THREEMF.get(unit) if unit else 1e-3
-
-
-class _Head(io.FileIO):
-    """A file that is read in small parts: a ZIP file may list millions of members."""
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        """Read at most `MAX_LISTING` bytes."""
-        return super().read(MAX_LISTING if size is None or size < 0 else min(size, MAX_LISTING)) or b""
 
 
 def _attribute(text: bytes, tag: bytes, name: bytes) -> bytes | None:

@@ -74,8 +74,8 @@ def eight_bits(colors: NDArray[Any], *, fractions: bool) -> NDArray[np.uint8]:
 
 
 def triangulate(
-    corners: NDArray[np.int64],  # (C,) vertices of all polygons, one polygon after the other
-    sizes: NDArray[np.int64],  # (P,) corners of each polygon; fewer than three give no triangle
+    corners: Integers,  # (C,) vertices of all polygons, one polygon after the other
+    sizes: Integers,  # (P,) corners of each polygon; fewer than three give no triangle
     vertices: Array,  # (V, 3)
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # (T, 3) indices into `corners`, in the order of the polygons; (T,) the polygon of each
     """Cut polygons into triangles: fans, of concave ones ears."""

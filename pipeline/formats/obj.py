@@ -52,9 +52,9 @@ def read_obj(file: Companions, textures: Textures) -> list[Mesh]:
     material = np.array(used, np.int64)[polygon]
     vertex, number, faces = split_vertices(corners[triangles], numbers[triangles])
     uv = np.concatenate([np.zeros((1, 2)), _columns(coordinates, 2)])[number]
-    colors, images = list[Sequence[int]](), list[NDArray[np.uint8] | None]()
+    colors, images = list[NDArray[np.uint8]](), list[NDArray[np.uint8] | None]()
     for stated, definitions in zip(names, _find_materials(names, file), strict=True):
-        color, image, clamped = (GREY if vertex_color is None else WHITE), None, ""
+        color, image, clamped = np.array(GREY if vertex_color is None else WHITE, np.uint8), None, ""
         if definitions:
             color, image, clamped = read_material(stated, definitions[-1], textures)
         if clamped and (np.abs(uv[faces[material == len(colors)]] - 0.5) > EDGE).any():
@@ -65,7 +65,7 @@ def read_obj(file: Companions, textures: Textures) -> list[Mesh]:
         build_part(
             vertices[vertex],
             faces,
-            face_color=np.array(colors, np.uint8)[material],
+            face_color=np.array(colors)[material],
             vertex_color=None if vertex_color is None else vertex_color[vertex],
             uv=uv,
             page=np.where((numbers[triangles] == 0).any(axis=1), -1, material),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_companions import Companions, texture_names
-from pipeline.formats.mesh_parts import build_part, cut_polygons, eight_bits, split_vertices
+from pipeline.formats.mesh_parts import build_part, cut_polygons, eight_bits, split_vertices, strip_corners
 from pipeline.formats.ply_elements import Element, read_elements
 from pipeline.formats.textures import Textures
 from pipeline.kernels.arrays import Array
@@ -81,15 +81,11 @@ def _polygons(face: Element) -> tuple[NDArray[np.int64], NDArray[np.int64], str]
 
 
 def _cut_strips(element: Element) -> NDArray[np.int64]:
-    """Cut strips, each row one or several with -1 in between, into triangles (T, 3): every other one is turned."""
+    """Cut strips, each row one or several with -1 in between, into triangles (T, 3)."""
     corners, sizes, _ = _polygons(element)
-    row, gap = np.repeat(np.arange(element.length), sizes), corners < 0
-    begins = np.flatnonzero(np.append(True, (np.diff(row) != 0) | gap[:-1])[: len(corners)])
-    position = np.arange(len(corners)) - np.repeat(begins, np.diff([*begins, len(corners)]))  # within its strip
-    whole = (position[2:] >= 2) & ~gap[:-2] & ~gap[1:-1] & ~gap[2:]
-    first = np.flatnonzero(whole)
-    turned = position[first] % 2
-    return corners[np.stack([first + turned, first + 1 - turned, first + 2], axis=1)]
+    ends = np.union1d(np.flatnonzero(corners < 0), np.cumsum(sizes))
+    strips = [strip[strip >= 0] for strip in np.split(corners, ends)]
+    return np.concatenate([np.empty((0, 3), np.int64), *(strip[strip_corners(len(strip))] for strip in strips if len(strip) > 2)])
 
 
 def _check_elements(elements: Iterable[Element], unread: list[str]) -> None:

@@ -1,7 +1,7 @@
 """The elements of a PLY file as arrays: text or binary of either byte order, with lists of any lengths."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,6 +20,10 @@ TYPES = {
 }
 """NumPy's types by their names in a PLY file, old and new."""
 HEADER = re.compile(rb"\s*ply[ \t]*[\r\n].*?[\r\n]end_header[ \t]*(?:\r\n|\n|\r)", re.DOTALL)
+
+
+Sizes = Mapping[str, NDArray[np.int64]]
+"""The sizes (N,) of lists by the names of their properties."""
 
 
 @dataclass(frozen=True)
@@ -48,34 +52,19 @@ class Element:
         return np.column_stack([self.values[name] for name in names])
 
 
-class _Numbers:
-    """The numbers of a text file, each at a position of its own, whatever its type."""
+class _Source:
+    """The numbers of a file: at any byte of a binary one; of text each at a position of its own, whatever its type."""
 
-    unit = "numbers"
-
-    def __init__(self, content: bytes) -> None:
-        self._numbers = read_numbers(content)
-        self.length = len(self._numbers)
-
-    def size(self, _: np.dtype) -> int:
-        return 1
-
-    def read(self, positions: NDArray[np.int64], kind: np.dtype) -> NDArray[Any]:
-        return self._numbers[positions].astype(kind if kind.kind == "f" else np.int64)
-
-
-class _Bytes:
-    """The numbers of a binary file, at any positions."""
-
-    unit = "bytes"
-
-    def __init__(self, content: bytes) -> None:
-        self._content, self.length = content, len(content)
+    def __init__(self, content: bytes, *, text: bool) -> None:
+        self._content: NDArray[Any] = read_numbers(content) if text else np.frombuffer(content, np.uint8)
+        self._text, self.length, self.unit = text, len(self._content), "numbers" if text else "bytes"
 
     def size(self, kind: np.dtype) -> int:
-        return kind.itemsize
+        return 1 if self._text else kind.itemsize
 
     def read(self, positions: NDArray[np.int64], kind: np.dtype) -> NDArray[Any]:
+        if self._text:
+            return self._content[positions].astype(kind if kind.kind == "f" else np.int64)
         count = max(self.length - kind.itemsize + 1, 0)
         return np.ndarray((count,), kind, self._content, strides=(1,))[positions].astype(kind.newbyteorder("="))
 
@@ -85,7 +74,7 @@ def read_elements(content: bytes, unread: list[str]) -> list[Element]:
     if not (header := HEADER.match(content)):
         raise InvalidInput("it has no header that begins with ply and ends with end_header; it is cut off, or not a PLY")
     elements, order = _parse_header([decode_text(line) for line in header[0].splitlines()])
-    source = _Bytes(content[header.end() :]) if order else _Numbers(content[header.end() :])
+    source = _Source(content[header.end() :], text=not order)
     start = 0
     for element in elements:
         check_count(f"rows of {element.name}", element.length, 3 * MAX_FACES, "decimate the mesh")
@@ -113,78 +102,76 @@ def _parse_header(lines: Sequence[str]) -> tuple[list[Element], str]:
     return elements, order
 
 
-def _read_rows(element: Element, source: _Numbers | _Bytes, start: int) -> int:
+def _read_rows(element: Element, source: _Source, start: int) -> int:
     """Read the values of an element from a position; return the position after its last row."""
-    lists = [of for of in element.properties if of.count_type is not None]
-    sizes = _uniform_sizes(element, source, start)
-    if sizes is None:
-        sizes = _walk_sizes(element, source, start)
-    widths = [
-        np.int64(source.size(of.type))
-        if of.count_type is None
-        else source.size(of.count_type) + sizes[lists.index(of)] * source.size(of.type)
-        for of in element.properties
-    ]
-    row_width = np.broadcast_to(np.asarray(sum(widths), np.int64), element.length)
-    position = start + np.cumsum(row_width) - row_width
-    if (end := start + int(row_width.sum())) > source.length:
+    least = sum(source.size(of.count_type or of.type) for of in element.properties)
+    if element.length * least > source.length - start:
         raise _cut_off(element, source)
-    for of, width in zip(element.properties, widths, strict=True):
-        if of.count_type is None:
-            element.values[of.name] = source.read(position, of.type)
-        else:
-            size, step = sizes[lists.index(of)], source.size(of.type)
-            first = position + source.size(of.count_type) - step * (np.cumsum(size) - size)
-            element.values[of.name] = source.read(np.repeat(first, size) + step * np.arange(size.sum()), of.type)
-            element.sizes[of.name] = size
-        position = position + width
+    first = _list_sizes(element, source, start, min(element.length, 1))
+    sizes = {name: np.full(element.length, size.sum()) for name, size in first.items()}  # as in the first row throughout, or not
+    end = _end(element, source, start, sizes)
+    positions = _positions(element, source, start, sizes)
+    if end > source.length or any(
+        of.count_type is not None and (source.read(at, of.count_type) != sizes[of.name]).any() for of, at in positions
+    ):
+        sizes = _list_sizes(element, source, start, element.length)
+        end = _end(element, source, start, sizes)
+    if end > source.length:
+        raise _cut_off(element, source)
+    for of, position in _positions(element, source, start, sizes):
+        at = position
+        if of.count_type is not None:
+            size, step = sizes[of.name], source.size(of.type)
+            first_entry = position + source.size(of.count_type) - step * (np.cumsum(size) - size)
+            at = np.repeat(first_entry, size) + step * np.arange(size.sum())
+        element.values[of.name] = source.read(at, of.type)
+    element.sizes = sizes
     return end
 
 
-def _uniform_sizes(element: Element, source: _Numbers | _Bytes, start: int) -> list[NDArray[np.int64]] | None:
-    """Read the sizes of the lists of an element if they are those of the first row throughout."""
-    at, offsets = start, list[tuple[int, int, np.dtype]]()
-    for of in element.properties:
-        if of.count_type is None:
-            at += source.size(of.type)
-            continue
-        if at + source.size(of.count_type) > source.length:
-            return None
-        size = int(source.read(np.array([at]), of.count_type)[0])
-        offsets.append((at, size, of.count_type))
-        at += source.size(of.count_type) + size * source.size(of.type)
-    if (at - start) * element.length > source.length - start:
-        return None
-    rows = (at - start) * np.arange(element.length)
-    if any(size < 0 or (source.read(offset + rows, kind) != size).any() for offset, size, kind in offsets):
-        return None
-    return [np.full(element.length, size, np.int64) for _, size, _ in offsets]
+def _widths(element: Element, source: _Source, sizes: Sizes) -> list[NDArray[np.int64]]:
+    """Compute the width of each property, () or (N,) for lists, from the sizes of lists."""
+    scalars = [np.asarray(source.size(of.count_type or of.type), np.int64) for of in element.properties]
+    return [
+        width + sizes[of.name] * source.size(of.type) if of.name in sizes else width
+        for of, width in zip(element.properties, scalars, strict=True)
+    ]
 
 
-def _walk_sizes(element: Element, source: _Numbers | _Bytes, start: int) -> list[NDArray[np.int64]]:
-    """Read the sizes of the lists of an element row by row."""
-    sizes = [np.zeros(element.length, np.int64) for of in element.properties if of.count_type is not None]
-    steps = [(source.size(of.type), of.count_type, of.count_type and source.size(of.count_type)) for of in element.properties]
-    for row in range(element.length):
-        number = 0
-        for step, count_type, count_step in steps:
-            if count_type is None or count_step is None:
+def _end(element: Element, source: _Source, start: int, sizes: Sizes) -> int:
+    return start + sum(int(np.broadcast_to(width, element.length).sum()) for width in _widths(element, source, sizes))
+
+
+def _positions(element: Element, source: _Source, start: int, sizes: Sizes) -> Iterator[tuple[Property, NDArray[np.int64]]]:
+    """Yield where each property begins in each row, (N,)."""
+    widths = _widths(element, source, sizes)
+    row = np.broadcast_to(np.asarray(sum(widths), np.int64), element.length)
+    position = start + np.cumsum(row) - row
+    for of, width in zip(element.properties, widths, strict=True):
+        yield of, position
+        position = position + width
+
+
+def _list_sizes(element: Element, source: _Source, start: int, rows: int) -> dict[str, NDArray[np.int64]]:
+    """Read the sizes of the lists of an element's first rows, row by row."""
+    sizes = {of.name: np.zeros(rows, np.int64) for of in element.properties if of.count_type is not None}
+    steps = [(of.name, source.size(of.type), of.count_type) for of in element.properties]
+    for row in range(rows):
+        for name, step, count_type in steps:
+            if count_type is None:
                 start += step
                 continue
-            if start + count_step > source.length:
+            if start + source.size(count_type) > source.length:
                 raise _cut_off(element, source)
             size = int(source.read(start, count_type))  # type: ignore[arg-type]  # one position
             if size < 0:
                 raise InvalidInput(f"a list in row {row} of its element {element.name} has {size} entries; the file is damaged")
-            sizes[number][row] = size
-            number += 1
-            start += count_step + size * step
-    if start > source.length:
-        raise _cut_off(element, source)
+            sizes[name][row] = size
+            start += source.size(count_type) + size * step
     return sizes
 
 
-def _cut_off(element: Element, source: _Numbers | _Bytes) -> InvalidInput:
+def _cut_off(element: Element, source: _Source) -> InvalidInput:
     return InvalidInput(
         f"its {element.length} rows of {element.name} need more than the {source.length} {source.unit} that follow; it is cut off"
     )

@@ -153,10 +153,10 @@ class _Builder:
         corner_color = np.where(varied[:, None], entries, -1)  # the last entry is white
         used = np.where(table.texture[entries] >= 0, entries, corner_color + len(table.color) * (corner_color < 0))
         vertex, entry, faces = split_vertices(triangles[:, :3], used)
-        vertices, faces = posed(pose, vertices[vertex], faces)
+        vertices, turned = posed(pose, vertices[vertex], faces)
         yield build_part(
             vertices,
-            faces,
+            turned,
             face_color=face_color,
             vertex_color=table.color[entry] if varied.any() else None,
             uv=table.uv[entry],

@@ -133,13 +133,12 @@ class Reconstructor(ABC):
         An `InvalidInput` names an image that is missing or has another size than the training's, or an array that holds
         NaN.
         """
-        return [self._unscaled(surface, seen.scale) for seen, surface in zip(observations, self._surfaces(observations), strict=True)]
-
-    def _unscaled(self, surface: Reconstruction, scale: float) -> Reconstruction:
-        """Give a surface the size of its object, whose observation was scaled."""
-        if scale == 1:
-            return surface
-        return replace(surface, vertices=transform_points(scaling_about(self.config.centre, 1 / scale), surface.vertices))
+        surfaces = self._surfaces(observations)
+        for number, observation in enumerate(observations):
+            if observation.scale != 1:  # back to the size of the object
+                motion = scaling_about(self.config.centre, 1 / observation.scale)
+                surfaces[number] = replace(surfaces[number], vertices=transform_points(motion, surfaces[number].vertices))
+        return surfaces
 
     @abstractmethod
     def _surfaces(self, observations: Sequence[Observation]) -> list[Reconstruction]:

@@ -11,7 +11,7 @@ from pipeline.entries import Entries
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.formats.file_content import read_file
-from pipeline.models.families import model_name, network_of, trained_models
+from pipeline.models.families import ROWS, model_name, trained_models
 from pipeline.models.model_files import DESCRIPTION
 from pipeline.store.storage import Location, as_location
 
@@ -41,32 +41,6 @@ class Error(Entries):
     median: float = Field(ge=0)
 
 
-class SensorError(Entries):
-    """Mean errors of the depth that a network reads in images of balls.
-
-    Of the shape alone where the depth of a ball is not known.
-    """
-
-    images: int = Field(ge=1)  # how many
-    depth_mm: float | None = Field(default=None, ge=0)  # root of the mean squared error in the contact
-    shape_mm: float = Field(ge=0)  # the same without the mean error
-    normals_deg: float = Field(ge=0)  # mean angle between normals in the contact
-    contact_iou: float = Field(ge=0, le=1)  # intersection over union with the ball's contact
-
-
-class SensorCard(Entries):
-    """The card of a pretrained network that reads a sensor's photographs."""
-
-    sensor: str  # name of the built-in sensor
-    presses: int = Field(ge=1)  # simulated
-    trained_on: tuple[TrainedOn, ...] = Field(min_length=1)
-    commit: str  # of the code that trained it
-    command: str
-    # by kind of images that it was not trained on: simulated; photographs if any
-    errors: dict[str, SensorError] = Field(min_length=1)
-    not_for: str  # uses that it is not meant for
-
-
 class ModelCard(Entries):
     """The card of a pretrained network."""
 
@@ -90,7 +64,7 @@ def shipped_models() -> Path:
     return SHIPPED
 
 
-def models_place(name: str) -> Location:
+def models_location(name: str) -> Location:
     """Find a folder of models by its name on a command line or in a setting, `shipped` or a path; errors as `shipped_models`."""
     return shipped_models() if name == "shipped" else as_location(name)
 
@@ -98,7 +72,7 @@ def models_place(name: str) -> Location:
 def card_path(models: Path, configuration: str) -> Path:
     """Return the path of a network's card, below a folder of models."""
     record = models / model_name(configuration).removeprefix("models/")
-    return record.with_name(CARD.format(network_of(configuration)))
+    return record.with_name(CARD.format(ROWS[configuration].network))
 
 
 def shipped_sensor_network(sensor: str, weights: Path = SHIPPED) -> Path | None:
@@ -116,8 +90,3 @@ def read_card(configuration: str, models: Path | None = None) -> ModelCard:
         raise StoreError(f"{path}: {invalid_entries(error)}; run `make weights` again") from error
     except (InvalidInput, OSError, yaml.YAMLError) as error:
         raise StoreError(f"{path} cannot be read as a card ({error}); run `make weights` again") from error
-
-
-def sensor_card_path(sensor: str, weights: Path = SHIPPED) -> Path:
-    """Return the path of the card of a sensor's network."""
-    return weights / SENSORS / CARD.format(sensor)

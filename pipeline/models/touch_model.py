@@ -1,9 +1,10 @@
 """Trained networks that read tactile images: depth maps, contact and local point clouds."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
@@ -20,6 +21,7 @@ from pipeline.kernels.networks.local_network import LocalNetwork, pixel_position
 from pipeline.kernels.networks.unet import UNet, contact_mask
 from pipeline.kernels.tensors import COLOURS, network_input
 from pipeline.kernels.touch.depth_maps import gel_surface, gel_top
+from pipeline.kernels.touch.elastic_contact import PressedGel
 from pipeline.kernels.touch.sensor import MM, Sensor, masked_points, resample, sensor_differences
 from pipeline.models.model_files import load_network, read_description, save_model, unusable
 
@@ -81,6 +83,8 @@ class TouchModel(ABC):
     network: nn.Module
     sensor: Sensor  # whose tactile images it was trained on
     untouched: NDArray[np.uint8]  # (H, W, 3), that sensor's image with nothing on it
+    stage: ClassVar[str]  # it trains such a network
+    may_differ: ClassVar[Mapping[str, Any]] = {}  # entries that may differ from the sensor's, as pydantic's `exclude`
 
     @abstractmethod
     def maps(
@@ -95,9 +99,13 @@ class TouchModel(ABC):
         sensor = resample(self.sensor, *depth.shape[1:])
         return [masked_points(*maps, sensor) for maps in zip(depth, mask, strict=True)]
 
-    @abstractmethod
     def check_sensor(self, sensor: Sensor) -> None:
         """Raise an `InvalidInput` if the network was trained on another sensor's tactile images."""
+        if differing := sensor_differences(self.sensor, sensor, but_for=self.may_differ):
+            raise InvalidInput(
+                f"the network knows sensor {self.sensor.name}, the tactile images are {sensor.name}'s, and {', '.join(differing)} differ: "
+                f"run {self.stage} for it"
+            )
 
 
 @dataclass(frozen=True)
@@ -106,6 +114,7 @@ class UnetTouchModel(TouchModel):
 
     network: UNet
     mask_threshold: float
+    stage = "train-unet"
 
     def maps(self, images: np.ndarray) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Predict the depth D, and find the pixels whose colour differs from the untouched image's."""
@@ -117,13 +126,6 @@ class UnetTouchModel(TouchModel):
             depth = (share * gel_top(self.sensor)).float().cpu().numpy()
         return depth, contact_mask(torch.tensor(images), torch.tensor(self.untouched), self.mask_threshold).numpy()
 
-    def check_sensor(self, sensor: Sensor) -> None:
-        """Raise an `InvalidInput` if the sensor is another one."""
-        if sensor != self.sensor:
-            raise InvalidInput(
-                f"the U-Net knows sensor {self.sensor.name}, the tactile images are {sensor.name}'s: run train-unet on these"
-            )
-
     def _check(self, images: np.ndarray) -> None:
         if images.ndim != 4 or images.shape[1:] != self.untouched.shape or images.dtype != np.uint8:
             raise InvalidInput(
@@ -132,25 +134,20 @@ class UnetTouchModel(TouchModel):
             )
 
 
-class GelReading(NamedTuple):
-    """The reading of a local network: the indentation of the gel, and its contact."""
-
-    indentation: NDArray[np.float32]  # (N, H, W) m
-    contact: NDArray[np.bool_]  # (N, H, W)
-
-
 @dataclass(frozen=True)
 class LocalTouchModel(TouchModel):
     """A local network, for images of its sensor with any number of pixels: they are resampled to those of its training."""
 
     network: LocalNetwork
+    stage = "train-touch"
+    may_differ = MAY_DIFFER
 
     def read(
         self,
         images: np.ndarray,  # (N, H, W, 3) uint8, of the sensor's aspect ratio
         untouched: np.ndarray | None = None,  # (H, W, 3) uint8, of the same day; by default the model's own
         pixel_aspect: float = 1.0,  # height over width of a pixel of the images
-    ) -> GelReading:  # with the images' pixels; indentation >= 0
+    ) -> PressedGel:  # with the images' pixels; indentation >= 0
         """Read the gel in photographs, whose light may have drifted since the untouched one."""
         self._check(images, untouched, pixel_aspect)
         parameter = next(self.network.parameters())
@@ -165,21 +162,13 @@ class LocalTouchModel(TouchModel):
                 maps = torch.stack([shape.depth.clamp(min=0) / MM, shape.contact], dim=1)
                 batches.append(interpolate(maps, size=images.shape[1:3], mode="bilinear").cpu())
         depth, contact = torch.cat(batches).unbind(dim=1)
-        return GelReading(depth.float().numpy(), (contact > 0).numpy())
+        return PressedGel(depth.float().numpy(), (contact > 0).numpy())
 
     def maps(self, images: np.ndarray) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Predict the depth D, of the gel at rest less its indentation, and find the contact."""
         reading = self.read(images)
         gel_at_rest = gel_surface(resample(self.sensor, *images.shape[1:3]))
         return np.maximum(gel_at_rest - reading.indentation, 0).astype(np.float32), reading.contact
-
-    def check_sensor(self, sensor: Sensor) -> None:
-        """Raise an `InvalidInput` if the sensor is another one, but for the entries `MAY_DIFFER`."""
-        if differing := sensor_differences(self.sensor, sensor, but_for=MAY_DIFFER):
-            raise InvalidInput(
-                f"the local network knows sensor {self.sensor.name}, the tactile images are {sensor.name}'s, and {', '.join(differing)} "
-                "differ: run train-touch for it"
-            )
 
     def _resized(self, images: np.ndarray, parameter: Tensor) -> Tensor:
         """Average (…, H, W, 3) images to the network's pixels: (B, 3, rows, cols), levels."""

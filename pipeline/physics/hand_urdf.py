@@ -20,11 +20,9 @@ DENSITY = 1000.0  # kg/m³ of the boxes around a link's collision shapes, to est
 MIN_MASS = 1e-3  # mass of a link without a mass and without collision shapes, kg
 MIN_MOMENT = 1e-9  # kg m², least moment of inertia that is estimated
 ROUNDED = 0.01  # share by which the largest moment of inertia may exceed the sum of the two others, which no body's does: files round
-LEAST_GYRATION = 0.01
-"""Least possible greatest radius of gyration of a link, as a share of the diagonal of its box: a rod has 0.29. No body has more than 1."""
+LEAST_GYRATION = 0.01  # least possible radius of gyration over the diagonal of a link's box: a rod has 0.29, no body more than 1
 GEL_MASS = 0.02  # kg, of a gel's plate: a lighter one swings on its spring faster than steps of 1/240 s can follow
-FOLLOWER_SLACK = 0.1
-"""rad (m) beyond the limits of its leader that a following joint is free to move, so that the two limits do not conflict."""
+FOLLOWER_SLACK = 0.1  # rad (m) beyond its leader's limits that a following joint is free to move, so that the limits do not conflict
 SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
 """The attributes of a shape that hold its size."""
 

@@ -21,19 +21,13 @@ HOLD_TESTS = {"lift": (DOWN,), "six": tuple(tuple((sign * axis).tolist()) for ax
 """Accelerations under which an object must stay, one after the other, m/s²: its weight, or that along -x, +x, -y, +y, -z and +z."""
 STEPS_PER_SECOND = 240
 LOCK_FORCE = 1000.0  # N that hold the plate of a gel without contact where it is drawn in
-GEL_MODULUS = 1e5
-"""Pa, Young's modulus of a gel whose sensor file gives none: soft silicone. Pressed in by 2 mm over 60 mm², a gel of 7 mm presses back
-with 2 N."""
+GEL_MODULUS = 1e5  # Pa, Young's modulus of a gel whose file gives none: 7 mm of it, pressed in by 2 mm over 60 mm², press back with 2 N
 DAMPING = 0.25  # damping of a gel's spring, as a share of the critical damping
-OVERLAP = 1e-4
-"""m by which a plate starts in the object: engines find no contact between two flat faces that only meet, and the spring would drive one
-into the other by 3 mm in its first step."""
+OVERLAP = 1e-4  # m by which a plate starts in the object: engines find no contact of flat faces that only meet; a spring then overshoots
 WITHIN, REST = 0.1, 0.05
 """m from where it was, and m/s, up to which an object is held at the end: then it rests in the hand. Motors and gels give way by up to
 2 cm, some objects slip by up to 8 cm until they are caught, and what rests may creep at 1 cm/s; what falls is faster than 10 cm/s."""
-RESTING_SAMPLES, RESTING_CHANGE = 12, 1e-3
-"""An object rests when its pose, m and quaternion, changes by less in this number of samples, a quarter of a second; a sliding object
-accelerates. In 50 grasps of ten objects, none moved by 0.1 mm in the remaining time."""
+RESTING_SAMPLES, RESTING_CHANGE = 12, 1e-3  # an object rests when its pose, m and quaternion, changes by less in as many samples, 0.25 s
 
 
 def is_held(moved: ArrayLike, speed: ArrayLike) -> Mask:

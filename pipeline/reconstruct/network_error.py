@@ -7,7 +7,7 @@ from pipeline.console import pluralise
 from pipeline.errors import StoreError
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.networks.network_configurations import ImplicitConfig
-from pipeline.models.families import ROWS, model_name, network_of, row_of
+from pipeline.models.families import ROWS, model_name, row_of
 from pipeline.models.shipped_weights import card_path, read_card
 from pipeline.reconstruct.observation_reader import ObservationReader
 from pipeline.store.directory import DataDirectory
@@ -27,7 +27,8 @@ def error_note(reader: ObservationReader) -> str:
     if card and (overall := card.errors.get(name, {}).get("all")):
         mm, objects = _rms_distance(overall.mean), overall.objects
         return f"{name}: {mm:.0f} mm (root mean square) from the surfaces of {objects} objects of 0.5 m that it has not seen"
-    subject = f"{network_of(name)}, over all combinations of inputs" if name in ROWS else name
+    network = ROWS[name].network
+    subject = name if name == network else f"{network}, over all combinations of inputs"
     advice = "" if card else "; `evaluate` compares it with looking up the nearest training object"
     return f"{subject}: {_by_training(reader, name)}{advice}"
 

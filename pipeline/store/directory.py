@@ -28,11 +28,8 @@ from schemas.catalogue import ARTIFACTS
 from schemas.folders import RECORD, TREES, maker_of
 
 DESCRIPTION = "dataset.json"
-WORK = ".work"
-"""The folder of unfinished work."""
-SHARD_RECORD = "[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json"
-"""The pattern of the names of shards' records."""
-
+WORK = ".work"  # the folder of unfinished work
+SHARD_RECORD = "[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json"  # the pattern of the names of shards' records
 _VERSION = re.compile(r"(.+)-[0-9a-f]{16}(\.zarr)?")
 
 

@@ -17,9 +17,9 @@ from pipeline.store.storage import TEMPORARY, File, Location, cache_of, copy, fi
 PREFIX = "of-process-"
 
 
-def private_folder(parent: str | Path | None = None) -> Path:
+def private_folder() -> Path:
     """Make a folder for temporary files that only this user can read or write; the next run finds it again."""
-    parent = Path(parent or tempfile.gettempdir())
+    parent = Path(tempfile.gettempdir())
     folder = parent / f"vt-pipeline-{os.getuid()}"
     with suppress(FileExistsError):
         folder.mkdir(mode=0o700, parents=True)

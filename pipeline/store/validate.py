@@ -1,7 +1,6 @@
 """Check shards and folders against their schemas, records, digests and inputs; each problem is one line."""
 
 from collections.abc import Container, Iterable, Iterator
-from contextlib import suppress
 
 import numpy as np
 from pydantic_zarr.v3 import ArraySpec, GroupSpec
@@ -10,46 +9,22 @@ from pipeline.console import abbreviate, pluralise
 from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.digest import files_of
-from pipeline.store.directory import DESCRIPTION, DataDirectory, made_by, record_of
+from pipeline.store.directory import DataDirectory, made_by, record_of
 from pipeline.store.garbage import all_unreferenced
 from pipeline.store.layout import schema_violations
 from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.rows import are_valid
 from pipeline.store.shard import RowView, Shard
-from pipeline.store.storage import Location, exists, read_bytes
+from pipeline.store.storage import Location, exists
 from schemas.base import COMMON
 from schemas.catalogue import ARTIFACTS
-
-CHECKS = 5
-"""Attempts to check a data directory that changes meanwhile."""
 
 
 def problems_below(root: Location, *, strict: bool = False) -> dict[Location, list[str]]:
     """Check a data directory; return the problems by path of record, an empty list for a record without problems.
 
-    A `strict` check also objects to artifacts that several kinds of processors computed. Where a problem is found and
-    records were replaced meanwhile by a run, everything is checked again.
+    A `strict` check also objects to artifacts that several kinds of processors computed.
     """
-    for _ in range(CHECKS):
-        before = _records(root)
-        problems = _problems_below(root, strict)
-        if not any(problems.values()) or _records(root) == before:
-            break
-    return problems
-
-
-def _records(root: Location) -> dict[Location, bytes]:
-    """Read every current record, and the description."""
-    directory = DataDirectory(root)
-    paths = [root / DESCRIPTION, *directory.shard_records(), *map(directory.folder_record, directory.folders())]
-    content = {}
-    for path in paths:
-        with suppress(OSError):  # it was withdrawn since it was listed, or is no file
-            content[path] = read_bytes(path)
-    return content
-
-
-def _problems_below(root: Location, strict: bool) -> dict[Location, list[str]]:
     directory = DataDirectory(root)
     problems: dict[Location, list[str]] = {}
     for name in ARTIFACTS:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.console import Row, Table
 from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, difference_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.models.families import FAMILIES, ROWS, network_of
+from pipeline.models.families import FAMILIES, ROWS
 from pipeline.rng import numpy_rng
 from pipeline.tables.comparison import Values, chamfer_of, read_values
 from pipeline.tables.supplement_figures import PAPER, TABLE_2, TABLE_3
@@ -21,7 +21,11 @@ from stages.evaluate.evaluation_files import Figures, read_root
 
 MIN_OBJECTS = 6
 """Objects that a verdict needs: fewer agree by chance more than once in twenty, and give bootstrap intervals that are too short."""
-PREFIXES = ("", *(f"{family}-" for family in FAMILIES if family), *sorted({f"{network}-" for network, _ in ROWS.values()}))
+PREFIXES = (
+    "",
+    *(f"{family}-" for family in FAMILIES if family),
+    *sorted({f"{row.network}-" for name, row in ROWS.items() if name != row.network}),
+)
 """Prefixes of configurations' names, by family: the claims are the same within each family."""
 
 Answer = Literal["holds", "does not hold", "undecided"]
@@ -86,7 +90,7 @@ def _modalities(values: Values) -> Iterator[Claim]:
 def _trainings(values: Values, first: str, second: str) -> tuple[list[Figures], list[Figures], bool]:
     """Choose the trainings of two configurations: if both are of one network, the common ones, compared one by one."""
     ours, theirs = values[first], values[second]
-    seeds = [seed for seed in ours if seed in theirs] if network_of(first) == network_of(second) else []
+    seeds = [seed for seed in ours if seed in theirs] if ROWS[first].network == ROWS[second].network else []
     return [ours[seed] for seed in seeds or ours], [theirs[seed] for seed in seeds or theirs], bool(seeds)
 
 

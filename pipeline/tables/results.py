@@ -12,7 +12,7 @@ from pipeline.errors import StoreError, first_line
 from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.models.families import inputs_of
+from pipeline.models.families import ROWS
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import exists
@@ -122,7 +122,7 @@ def trainings_table(folders: Sequence[Path]) -> list[Table]:
     )
     rows = []
     for name, by_seed in values.items():
-        trainings, inputs = [*by_seed.values()], inputs_of(name)
+        trainings, inputs = [*by_seed.values()], ROWS[name].inputs
         chamfer = TABLE_3_FACTOR * chamfer_of(trainings, 1)
         interval: Interval = mean_interval(chamfer, numpy_rng(seed, "intervals"))
         median, most = float(np.median(chamfer, axis=1).mean()), trainings[0].grasps[-1]

@@ -9,7 +9,6 @@ from pathlib import Path
 import safetensors.torch
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import load_file
 from torch import Tensor, nn
 
 from pipeline.formats.file_content import regular_stat
@@ -57,10 +56,7 @@ def load(folder: Path, module: nn.Module, optimizer: torch.optim.Optimizer) -> t
     checkpoint, or with one that a crash of the machine truncated, nothing changes: the training starts from the beginning.
     """
     try:
-        regular_stat(folder / FILE)
-        tensors = load_file(folder / FILE)
-        with safe_open(folder / FILE, framework="pt") as file:
-            progress = Progress(**json.loads(file.metadata()["progress"]))
+        tensors, progress = _read(folder)
     except (FileNotFoundError, SafetensorError):
         return {}, Progress()
     module.load_state_dict(_below("module", tensors))
@@ -72,9 +68,16 @@ def load(folder: Path, module: nn.Module, optimizer: torch.optim.Optimizer) -> t
     return _below("best", tensors), progress
 
 
-def load_best(folder: Path) -> dict[str, Tensor]:
-    """Read the best weights of the checkpoint in `folder`."""
-    return _below("best", load_file(folder / FILE))
+def load_best(folder: Path) -> tuple[dict[str, Tensor], Progress]:
+    """Read the best weights of the checkpoint in `folder`, and the progress."""
+    tensors, progress = _read(folder)
+    return _below("best", tensors), progress
+
+
+def _read(folder: Path) -> tuple[dict[str, Tensor], Progress]:
+    regular_stat(folder / FILE)
+    with safe_open(folder / FILE, framework="pt") as file:
+        return {name: file.get_tensor(name) for name in file.keys()}, Progress(**json.loads(file.metadata()["progress"]))  # noqa: SIM118
 
 
 def _below(part: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:

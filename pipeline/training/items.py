@@ -32,7 +32,7 @@ class Items:
         learned: tuple[str, ...] = ("points",),  # arrays that the loss needs
         cache_megabytes: float = CACHE_MEGABYTES,
     ) -> None:
-        self.rows = ObjectRows(data, arrays_of(config, learned), split, cache_megabytes=cache_megabytes)
+        self.rows = ObjectRows(data, (*learned, *observed_arrays(config)), split, cache_megabytes=cache_megabytes)
         self.config, self.items_per_object = config, items_per_object
         self._targets: dict[str, SearchCloud] = {}
 
@@ -83,6 +83,13 @@ class Items:
         """Read the network's input of `count` grasps: the item's own, then further ones."""
         return stored_observation(self.rows, self.object_of(item), self.grasps_of(item, count, order), inputs or self.config)
 
+    def grasps_of(self, item: int, count: int, order: np.ndarray) -> list[int]:
+        """Choose the grasps, or the viewpoint, of an item; parameters as `view`."""
+        first = item % self.items_per_object % len(order)
+        if self.items_per_object < len(order):  # fewer items than grasps, or viewpoints: each of them comes first at some time
+            first = int(order[first])
+        return [first, *(grasp for grasp in order.tolist() if grasp != first)][:count]
+
     def random_view(
         self,
         item: int,  # its number, from 0
@@ -114,13 +121,6 @@ class Items:
             return self.view(item, fewest + repetition % (most - fewest + 1), np.arange(self.grasps), inputs)
         return self.view(item, fewest + item % self.items_per_object % (most - fewest + 1), np.arange(self.grasps))
 
-    def grasps_of(self, item: int, count: int, order: np.ndarray) -> list[int]:
-        """Choose the grasps, or the viewpoint, of an item; parameters as `view`."""
-        first = item % self.items_per_object % len(order)
-        if self.items_per_object < len(order):  # fewer items than grasps, or viewpoints: each of them comes first at some time
-            first = int(order[first])
-        return [first, *(grasp for grasp in order.tolist() if grasp != first)][:count]
-
     @property
     def grasps(self) -> int:
         """Count the grasps, or viewpoints, of an object that differ for the network."""
@@ -150,11 +150,6 @@ class Items:
         )
 
     def name(self, item: int) -> str:
-        """Name an item for a message."""
+        """Name an item's object, and its first grasp if that is fixed."""
         has_first_grasp = self.config.image != "rendering" and 1 < self.grasps <= self.items_per_object  # else it is the only one, or drawn
         return self.object_of(item) + (f" (first grasp {item % self.items_per_object % self.grasps})" if has_first_grasp else "")
-
-
-def arrays_of(config: NetworkInputs, learned: tuple[str, ...] = ("points",)) -> tuple[str, ...]:
-    """Name the arrays that a network of this configuration is trained on, including those `learned` that its loss needs."""
-    return (*learned, *observed_arrays(config))

@@ -1,148 +1,168 @@
-"""The processes of a training on this machine, by Lightning Fabric: start them, and end them with it."""
+"""The processes of this machine that share a training: they start, normalise batches and end together."""
 
-import logging
 import multiprocessing
 import os
+import pickle
 import signal
-import tempfile
+import sys
+import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from datetime import timedelta
+from multiprocessing.connection import Connection, wait
+from multiprocessing.pool import ExceptionWithTraceback  # type: ignore[attr-defined]
 from pathlib import Path
 from typing import Any
 
 import torch.distributed
-from lightning_fabric import Fabric
-from lightning_fabric.loggers.tensorboard import TensorBoardLogger
-from lightning_fabric.plugins.environments.lightning import LightningEnvironment
-from lightning_fabric.plugins.precision.amp import MixedPrecision
-from lightning_fabric.strategies.ddp import DDPStrategy
-from lightning_fabric.utilities import rank_zero
-from lightning_fabric.utilities.exceptions import MisconfigurationException
+from torch import Tensor, nn
+from torch.nn.modules.batchnorm import _BatchNorm
 
-from pipeline.errors import StageError
-from pipeline.store.digest import LOGS
+from pipeline.engine.worker_processes import end_with_parent
+from pipeline.errors import PipelineError, StageError
 from pipeline.store.temporary import temporary_folder
-from pipeline.training.device import device_of
-from pipeline.training.settings import TrainingSettings
-
-RESUME_HINT = "run the same command again: it goes on from its last checkpoint"
-"""The remedy in messages about a training that ended early."""
-
-LOST = ("onnection closed", "onnection reset", "roken pipe", "imed out", "onnection refused")
-"""Parts of gloo's messages of lost connections between processes, for which it has no error type."""
 
 REPORT_DELAY = 3.0
-"""Seconds by which the other processes delay their end after one was killed, so that their launcher reports the killed one."""
-
+"""Seconds by which a process delays an unexpected error: if it has lost one that was killed, that one is reported."""
 SILENCE = timedelta(minutes=10)
-"""Longest wait for an answer of a running process: more than a checkpoint or the reading of a list of items takes.
-A killed process is noticed immediately."""
+"""Longest wait for an answer of a running process: more than a checkpoint or the reading of a list of items takes."""
 
 
-class MixedPrecisionLayers(MixedPrecision):
-    """Autocast a network's layers and keep its inputs: in bfloat16 a point of the scene is rounded by millimetres."""
-
-    def convert_input(self, data: Any) -> Any:
-        """Return the inputs."""
-        return data
-
-
-class LocalProcesses(DDPStrategy):
-    """Processes that meet by a file in the folder of `end_children_on_interrupt`: torch's port would be open to the network."""
-
-    def __init__(self) -> None:
-        super().__init__(start_method="spawn", timeout=SILENCE)
-
-    def setup_environment(self) -> None:
-        """Join the other processes, before Fabric would by a port."""
-        assert self.accelerator is not None
-        self.accelerator.setup_device(self.root_device)
-        gpu = self.root_device.type == "cuda"
-        torch.distributed.init_process_group(
-            "nccl" if gpu else "gloo",
-            init_method=(Path(tempfile.gettempdir()) / "processes").as_uri(),
-            rank=self.local_rank,
-            world_size=self.num_processes,
-            timeout=SILENCE,
-            device_id=self.root_device if gpu else None,
-        )
-        super().setup_environment()
-
-
-def make_fabric(
-    settings: TrainingSettings,  # give accelerator, devices and precision
-    folder: Path,  # of the model; TensorBoard logs go below it
-) -> Fabric:
-    """Make the `Fabric` that runs a training in the processes that the settings ask for, or raise a `StageError`."""
-    logging.getLogger(rank_zero.__name__).setLevel(logging.WARNING)  # its advice names calls that no setting makes
-    try:
-        device = device_of(settings.accelerator).type
-        precision: Any = settings.precision
-        plugins: list[Any] = [LightningEnvironment()]  # in a job of Slurm, too
-        if precision == "bf16-mixed":
-            plugins.append(MixedPrecisionLayers(precision, device))
-            precision = None  # Fabric takes it from the plugin
-        strategy: Any = "auto"
-        if settings.devices > 1:
-            strategy = LocalProcesses()
-            os.environ.setdefault("GLOO_SOCKET_IFNAME", "lo")  # no other machine has to reach them
-        return Fabric(
-            accelerator=device,
-            strategy=strategy,
-            devices=settings.devices,
-            precision=precision,
-            plugins=plugins,
-            loggers=TensorBoardLogger(folder, name=LOGS, version=""),
-        )
-    except (RuntimeError, ValueError, ImportError, MisconfigurationException) as error:  # the last: fewer GPUs than devices
-        raise StageError(f"accelerator {settings.accelerator}, {settings.devices} devices, {settings.precision}: {error}") from error
-
-
-@contextmanager
-def end_children_on_interrupt() -> Iterator[None]:
-    """End the processes that are started in this context when it is interrupted; otherwise it would wait for them.
-
-    Their temporary files are in a folder that other users cannot reach: torch unpickles one of them when a process has failed.
-    """
-    children, environment_folder, tempfile_folder = set(multiprocessing.active_children()), os.environ.get("TMPDIR"), tempfile.tempdir
+def run_processes(
+    name: str,  # of the training, in messages
+    count: int,
+    device: torch.device,
+    work: Callable[..., None],
+    *arguments: Any,
+) -> None:
+    """Run `work(device, *arguments)` in processes that form torch's process group; the first error ends all of them."""
+    context = multiprocessing.get_context("spawn")
+    packed = pickle.dumps((work, arguments))  # torch's own way would share the memory of weights: each would step in the others'
+    started, running = [], dict[Any, tuple[int, Any]]()
     with temporary_folder() as folder:
-        os.environ["TMPDIR"], tempfile.tempdir = str(folder), None
         try:
-            yield
-        except KeyboardInterrupt:  # SIGTERM, too
-            for child in set(multiprocessing.active_children()) - children:
-                child.terminate()
-            raise
+            for rank in range(count):
+                ours, theirs = context.Pipe(duplex=False)
+                with theirs:
+                    process = context.Process(target=_join, args=(theirs, packed, device.type, rank, count, folder), daemon=True)
+                    process.start()
+                started.append(process)
+                running[ours] = rank, process
+            while running:
+                for connection in wait([*running]):
+                    rank, process = running.pop(connection)
+                    try:
+                        error: Any = connection.recv()  # type: ignore[union-attr,call-arg]
+                    except EOFError:
+                        process.join()
+                        code = process.exitcode or 0
+                        ended = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with status {code}"
+                        error = StageError(
+                            f"{name}: process {rank} of {count} {ended}; run the same command again: it goes on from its last checkpoint"
+                        )
+                    if error:
+                        raise error
         finally:
-            del os.environ["TMPDIR"]
-            os.environ |= {} if environment_folder is None else {"TMPDIR": environment_folder}
-            tempfile.tempdir = tempfile_folder
+            for process in started:
+                process.kill()
+                process.join()
 
 
-def end_with_parent() -> None:
-    """Let this process, started by a training, end when its parent is killed.
-
-    The system then sends SIGINT, as torch asked it to, and a job in a shell's background would ignore that.
-    """
-    if parent := multiprocessing.parent_process():
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-        if os.getppid() != parent.pid:  # it was killed before
-            os.kill(os.getpid(), signal.SIGINT)
-
-
-@contextmanager
-def lost_peers_as_stage_error(fabric: Fabric, name: str) -> Iterator[None]:
-    """Raise a `StageError` if another process of the training ended, after giving its launcher time to report the reason."""
+def _join(connection: Connection, packed: bytes, kind: str, rank: int, count: int, folder: Path) -> None:
+    """Join the process group and work; send the error, or None."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C is for the parent, which reports it
+    threading.Thread(target=end_with_parent, daemon=True).start()
+    os.environ.setdefault("GLOO_SOCKET_IFNAME", "lo")  # no other machine has to reach this process
+    device = torch.device(kind, rank) if kind == "cuda" else torch.device(kind)
+    error: Any = None
     try:
-        yield
-    except RuntimeError as error:
-        is_lost = "gloo" in str(error) and any(words in str(error) for words in LOST)
-        if fabric.world_size == 1 or not (is_lost or isinstance(error, torch.distributed.DistError)):
-            raise
+        if kind == "cuda":
+            torch.cuda.set_device(device)
+        work, arguments = pickle.loads(packed)
+        torch.distributed.init_process_group(
+            "nccl" if kind == "cuda" else "gloo",
+            init_method=(folder / "processes").as_uri(),  # torch's port would be open to the network
+            rank=rank,
+            world_size=count,
+            timeout=SILENCE,
+            device_id=device if kind == "cuda" else None,
+        )
+        work(device, *arguments)
+    except (PipelineError, OSError) as raised:
+        error = raised
+    except Exception as raised:
         time.sleep(REPORT_DELAY)
-        reason = str(error).strip().splitlines()[0]
-        raise StageError(
-            f"{name}: process {fabric.global_rank} of {fabric.world_size} lost the others ({reason}); see their messages, and {RESUME_HINT}"
-        ) from error
+        error = ExceptionWithTraceback(raised, raised.__traceback__)
+    connection.send(error)
+    sys.stdout.flush()
+    os._exit(0)  # destructors of the process group may wait for others
+
+
+class _Sum(torch.autograd.Function):
+    """The sum over all processes, in both directions."""
+
+    @staticmethod
+    def forward(ctx: Any, value: Tensor) -> Tensor:
+        total = value.clone()
+        torch.distributed.all_reduce(total)
+        return total
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> Tensor:
+        return _Sum.forward(ctx, gradients[0].contiguous())
+
+
+class SharedBatchNorm(_BatchNorm):
+    """Normalise by the mean and variance of the whole batch, as one process would, on any device: torch's own needs GPUs.
+
+    Weights and buffers are those of `nn.BatchNorm2d`. `share` is 1, or 0 if this process has no items of the batch: its
+    results then have no weight.
+    """
+
+    share = 1.0
+
+    def _check_input_dim(self, input: Tensor) -> None:
+        """Take maps of any number of dimensions."""
+
+    def forward(self, input: Tensor) -> Tensor:
+        """Normalise (B, C, …) maps; in training, every process must call it."""
+        if not self.training:
+            return super().forward(input)
+        maps = input.to(torch.promote_types(input.dtype, torch.float32))
+        reduced, shape = [0, *range(2, maps.ndim)], [1, -1, *[1] * (maps.ndim - 2)]
+        count = maps.new_tensor([maps.numel() / self.num_features])
+        total = _sum(self.share * torch.cat([maps.sum(reduced), count]))
+        mean, count = total[:-1] / total[-1], total[-1].detach()
+        centred = maps - mean.view(shape)
+        variance = _sum(self.share * centred.square().sum(reduced)) / count
+        self._track(mean.detach(), variance.detach() * count / (count - 1))
+        normalised = centred * (variance + self.eps).rsqrt().view(shape)
+        return (normalised * self.weight.view(shape) + self.bias.view(shape)).to(input.dtype)
+
+    def _track(self, mean: Tensor, variance: Tensor) -> None:
+        """Move the running statistics, which evaluation normalises by, towards those of the batch."""
+        assert self.running_mean is not None
+        assert self.running_var is not None
+        assert self.num_batches_tracked is not None
+        self.num_batches_tracked += 1
+        self.running_mean.lerp_(mean.to(self.running_mean), self.momentum or 0)
+        self.running_var.lerp_(variance.to(self.running_var), self.momentum or 0)
+
+
+def _sum(value: Tensor) -> Tensor:
+    apply: Any = _Sum.apply  # torch does not declare its type
+    total: Tensor = apply(value)
+    return total
+
+
+def share_batch_norm(module: nn.Module) -> list[SharedBatchNorm]:
+    """Replace each batch normalisation inside a network by one that processes share; return the replacements."""
+    replaced = []
+    for parent in list(module.modules()):
+        for name, child in parent.named_children():
+            if isinstance(child, _BatchNorm):
+                shared = SharedBatchNorm(child.num_features, child.eps, child.momentum)
+                shared.load_state_dict(child.state_dict())
+                setattr(parent, name, shared)
+                replaced.append(shared)
+    return replaced

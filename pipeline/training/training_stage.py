@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -14,6 +13,7 @@ from pipeline.models.families import model_name, reconstructor_type, trained_fol
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import FolderRecord
+from pipeline.training.learner import ReconstructionLearner
 from pipeline.training.settings import ReconstructionSettings
 from schemas.base import Artifact
 from schemas.charts import CHARTS
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
     from pipeline.models.reconstruction import Reconstructor
     from pipeline.training.items import Items
-    from pipeline.training.reconstruction import ReconstructionLearner
 
 IMAGES = {"occluded": VISION, "unoccluded": VISION, "any": VISION, "rendering": RENDERINGS}
 """The artifact that holds each kind of image."""
@@ -38,16 +37,22 @@ OTHER_STAGES = {"side": "fit-charts"}
 """Stages that set entries of a network's description, by entry; its training sets the others."""
 
 
-class ReconstructionTraining(DatasetStage):
-    """Train a network of one configuration."""
+class Training(DatasetStage):
+    """A stage that trains a network."""
 
     trains = True
+
+    def splits(self, settings: Any) -> tuple[str, ...]:
+        """Name the splits: one to learn from, one to choose the best epoch by."""
+        return ("train", "valid")
+
+
+class ReconstructionTraining(Training):
+    """Train a network of one configuration."""
+
+    learner: ClassVar[type[ReconstructionLearner]]  # it has the loss
     target: ClassVar[Artifact] = SURFACES  # holds the targets
     arrays: ClassVar[tuple[str, ...]]  # those of `target` that are read
-
-    @abstractmethod
-    def learner(self) -> type[ReconstructionLearner]:
-        """Load the learner, which has the loss; it needs torch, which the stage's settings do not."""
 
     def inputs(self, settings: Any) -> tuple[Artifact, ...]:
         """Name the artifacts of the objects' sizes and the target, and of the image and touch charts that the configuration takes."""
@@ -60,26 +65,14 @@ class ReconstructionTraining(DatasetStage):
         if settings.pretrained is None:
             return []
         from pipeline.models.model_files import DESCRIPTION, WEIGHTS
+        from pipeline.models.shipped_weights import models_location
 
-        folder = pretrained_folder(settings.pretrained, settings.configuration)
+        folder = trained_folder(models_location(settings.pretrained), settings.configuration)
         return [folder / file for file in (DESCRIPTION, WEIGHTS)]
-
-    def splits(self, settings: Any) -> tuple[str, ...]:
-        """Name the splits: one to learn from, one to choose the best epoch by."""
-        return ("train", "valid")
 
     def writes(self, settings: Any) -> str:
         """Name the folder of the configuration's model, below the data directory."""
         return model_name(settings.configuration, settings.training_seed)
-
-    def remarks(self, network: Any, items: Items) -> Iterator[str]:
-        """Warn of properties of the items that the network is not designed for."""
-        from pipeline.kernels.networks.image_encoder import ENCODER_PLANS
-
-        made_for = ENCODER_PLANS[network.config.encoder_layers].resolution
-        if network.config.image and items.resolution != (made_for, made_for):
-            size = list(items.resolution or ())
-            yield f"images are of {size} pixels, the encoder's table is for {made_for}: see render-vision.resolution"
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Train, and save the best epoch's weights with the description of the model."""
@@ -88,41 +81,42 @@ class ReconstructionTraining(DatasetStage):
         from pipeline.training.loop import train
 
         settings = job.settings
-        splits = (("train", settings.samples_per_object), ("valid", settings.validation_items))
-        cache_megabytes = settings.cache_megabytes
-        learning, validation = (
-            Items(job.data, split, settings.inputs, items_per_object, learned=self.arrays, cache_megabytes=cache_megabytes)
-            for split, items_per_object in splits
-        )
+        shared = {"learned": self.arrays, "cache_megabytes": settings.cache_megabytes}
+        learning = Items(job.data, "train", settings.inputs, settings.samples_per_object, **shared)
+        validation = Items(job.data, "valid", settings.inputs, settings.validation_items, **shared)
         name = f"{self.name} {settings.configuration}{settings.label}"
         config = settings.network(learning.side)
         network: Any = reconstructor_type(settings.configuration).network_type(config, torch_generator(job.seed, name, "weights"))
         before = self._begin_with_pretrained(network, job, name) if settings.pretrained else None
-        for line in (*setting_remarks(settings, learning), *self.remarks(network, learning)):
+        for line in remarks(settings, learning):
             job.console.print(f"{name}: {line}")
-        learner = self.learner()(network, learning, validation, settings, job.seed)
+        learner = self.learner(network, learning, validation, settings, job.seed)
         facts = train(learner, settings, folder=job.folder, seed=job.seed, name=name)
         save_model(job.folder, network, learning.trained(settings.configuration, network.config))
         return facts | ({LEARNED_BEFORE: before} if before else {})
 
     def _begin_with_pretrained(self, network: Any, job: DatasetJob, name: str) -> list[dict[str, Any]]:
         """Give a network the weights of a trained one; return the training data of that one."""
-        models, trained = job.settings.pretrained, job.settings.configuration
-        folder = pretrained_folder(models, trained)
+        from pipeline.models.shipped_weights import models_location
+
+        models, trained = models_location(job.settings.pretrained), job.settings.configuration
+        folder = trained_folder(models, trained)
         if folder.resolve().parent == Path(str(job.data / job.name)).resolve().parent:
             raise StageError(
-                f"pretrained={models}: this training would replace the network that it begins with; train with another training_seed, or "
-                "name a copy of these models"
+                f"pretrained={job.settings.pretrained}: this training would replace the network that it begins with; train with another "
+                "training_seed, or name a copy of these models"
             )
         give_weights(network, reconstructor_type(trained)(folder), self.name)
-        before = learned_before(models, trained)
+        before = learned_from(DataDirectory(trained_models(models)[trained]).folder(trained))
         names = ", ".join(dict.fromkeys(str(one["manifest"]) for one in before))
         job.console.print(f"{name} begins with weights that have learned from objects of {names}: test objects among these are not unseen")
         return before
 
 
-def setting_remarks(settings: ReconstructionSettings, items: Items) -> Iterator[str]:
-    """Report settings that differ from their defaults without effect on this network, and a number of grasps that no object has."""
+def remarks(settings: ReconstructionSettings, items: Items) -> Iterator[str]:
+    """Report settings that differ from their defaults without effect on this network, and items that it is not designed for."""
+    from pipeline.kernels.networks.image_encoder import ENCODER_PLANS
+
     inputs, fields = settings.inputs, type(settings).model_fields
     uses: dict[str, object] = {name: inputs.image for name in ("image_", "encoder_")}
     uses |= {name: inputs.touch for name in ("touch_reach", "touch_edges", "dropped_touches", "min_grasps", "max_grasps")}
@@ -131,26 +125,15 @@ def setting_remarks(settings: ReconstructionSettings, items: Items) -> Iterator[
     for name, field in fields.items():
         if any(name.startswith(start) and not used for start, used in uses.items()) and getattr(settings, name) != field.default:
             yield f"{name}={getattr(settings, name)} has no effect: this network is not given what it changes"
+    made_for = ENCODER_PLANS[settings.network(items.side).encoder_layers].resolution
+    if items.resolution and items.resolution != (made_for, made_for):
+        size = list(items.resolution)
+        yield f"images are of {size} pixels, the encoder's table is for {made_for}: see render-vision.resolution"
     if inputs.touch and settings.max_grasps > items.grasps:
         yield (
             f"items have at most {pluralise(items.grasps, 'grasp')}, min_grasps is {settings.min_grasps} and max_grasps "
             f"{settings.max_grasps}: the dataset holds no more of an object (simulate-grasps.grasps)"
         )
-
-
-def pretrained_folder(models: str, network: str) -> Path:
-    """Find the folder of a trained network by a training's setting `pretrained`; errors as `trained_folder`."""
-    from pipeline.models.shipped_weights import models_place
-
-    return trained_folder(models_place(models), network)
-
-
-def learned_before(models: str, network: str) -> list[dict[str, Any]]:
-    """List the training data of a trained network, as `learned_from`."""
-    from pipeline.models.shipped_weights import models_place
-
-    folder = models_place(models)
-    return learned_from(DataDirectory(trained_models(folder)[network]).folder(network))
 
 
 def learned_from(record: FolderRecord) -> list[dict[str, Any]]:

@@ -8,7 +8,7 @@ from typing import Any
 from pipeline.config.settings import setting
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import Cost, DatasetJob
-from pipeline.models.families import ROWS, load_reconstructor, load_rows, model_name, trained_folder
+from pipeline.models.families import ROWS, load_reconstructor, load_rows, model_name, rows_of, trained_folder
 from pipeline.models.observation import stored_camera
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.shipped_weights import DEFAULT, SHIPPED, shipped_models
@@ -65,14 +65,15 @@ def shipped_digest() -> str:
 
 
 def fitting_rows(directory: DataDirectory) -> tuple[list[str], list[str]]:
-    """Choose the rows of `ROWS` whose inputs a dataset has; say why the others are skipped."""
+    """Choose the rows whose inputs a dataset has; say why the others are skipped."""
     model = load_reconstructor(DEFAULT, shipped_folder())
     reasons = list(_unfit(directory, model))
     unfit = {kind for kind, _ in reasons}
     rows = []
-    for name, (network, inputs) in ROWS.items():
+    for name in rows_of(DEFAULT):
+        inputs = ROWS[name].inputs
         takes = {*([inputs.image] if inputs.image else []), *(["touch"] if inputs.touch else [])}
-        if network == DEFAULT and takes and not takes & unfit:
+        if takes and not takes & unfit:
             rows.append(name)
     return rows, [f"{kind}: {why}" for kind, why in reasons]
 

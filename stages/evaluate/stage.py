@@ -15,7 +15,7 @@ from rich.markup import escape
 from pipeline.config.settings import Settings, setting
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.errors import unknown_name
-from pipeline.models.families import GRASP_CONFIGURATIONS, ROWS, inputs_of, load_rows, model_name
+from pipeline.models.families import ROWS, load_rows, model_name, rows_of
 from pipeline.store.directory import DataDirectory
 from pipeline.store.rows import Result, RowFiles
 from schemas.base import Artifact
@@ -42,11 +42,11 @@ def _with_one(grasps: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _known(names: tuple[str, ...]) -> tuple[str, ...]:
-    known = [*GRASP_CONFIGURATIONS, *ROWS]
+    known = [name for name, row in ROWS.items() if row.inputs.image != "rendering"]
     if strange := [name for name in names if name not in known]:
         raise ValueError(unknown_name("configuration", strange[0], known))
     # a network that accepts any subset of inputs is evaluated with each
-    rows = [row for name in names for row in ([row for row, (network, _) in ROWS.items() if network == name] or [name])]
+    rows = [row for name in names for row in rows_of(name)]
     if not rows or len(set(rows)) < len(rows):
         raise ValueError(f"{names}: name some of {', '.join(known)}, each once")
     return tuple(rows)
@@ -189,7 +189,7 @@ class Evaluate(Evaluation):
 
     def inputs(self, settings: EvaluationSettings) -> tuple[Artifact, ...]:
         """Name the artifacts that the networks take, and the grasps, around whose touch sites each is measured."""
-        networks = [inputs_of(name) for name in settings.configurations]
+        networks = [ROWS[name].inputs for name in settings.configurations]
         takes_image, takes_touch = any(network.image for network in networks), any(network.touch for network in networks)
         return (SURFACES, GRASPS, *([VISION] if takes_image else []), *([TOUCH, CHARTS] if takes_touch else []))
 

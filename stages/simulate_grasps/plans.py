@@ -88,9 +88,9 @@ class HoldPlanner(TouchPlanner):
         """Plan a few postures and return the one that carries the object best; None where the hand has no room around it."""
         best, plan = NO_SUPPORT, None
         for _ in range(self.settings.plans):
-            pose, start = self._draw_opposed_pose(rng) or (next(self.poses_with_room(rng), None), None)
-            if pose is None:
+            if (draw := self._draw_pose(rng)) is None:
                 continue
+            pose, start = draw
             choices = self.solve(pose, rng, start)
             number, best = self._lightest(choices, best)
             if number >= 0:
@@ -99,15 +99,16 @@ class HoldPlanner(TouchPlanner):
                 break
         return plan
 
-    def _draw_opposed_pose(self, rng: np.random.Generator) -> Posture | None:
-        """Draw a pose and an opposed posture in which both gels are at the object, and palm and fingers have room."""
+    def _draw_pose(self, rng: np.random.Generator) -> tuple[Array, Array | None] | None:
+        """Draw a pose and an opposed posture with both gels at the object, and room for palm and fingers; else a pose as for touches."""
         for _ in range(MAX_DRAWS if len(self.weights) else 0):
             poses, rows = self._draw(rng)
             usable = self._usable(poses, rows) if len(rows) else rows
             if len(usable):
                 draw = usable[rng.integers(len(usable))]
                 return poses[draw], self.postures.joint_angles[rows[draw]]
-        return None
+        pose = next(self.poses_with_room(rng), None)
+        return None if pose is None else (pose, None)
 
     def _draw(self, rng: np.random.Generator) -> tuple[Array, Indices]:
         """Draw poses (N, 4, 4) of the hand and rows (N,) of its opposed postures, set on opposed points of their width."""

@@ -82,7 +82,7 @@ def test_scene_file_with_one_camera_is_refused_with_the_remedy(tmp_path: Path) -
     entries = yaml.safe_load(description_path("scene", "supplement").read_text())
     (camera,) = entries.pop("cameras")
     (tmp_path / "old.yaml").write_text(yaml.safe_dump({**entries, "camera": camera}))
-    with pytest.raises(InvalidInput, match=r"old\.yaml: there is no entry camera: scenes now list `cameras`"):
+    with pytest.raises(InvalidInput, match=r"old\.yaml: there is no entry camera, did you mean cameras\?"):
         load_scene(tmp_path / "old.yaml")
 
 

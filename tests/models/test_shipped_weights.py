@@ -10,6 +10,7 @@ import yaml
 from typer.testing import CliRunner
 
 from benchmarks import ship_sensor_weights, ship_weights
+from benchmarks.ship_sensor_weights import SensorCard, sensor_card_path
 from pipeline.cli import app
 from pipeline.errors import StageError, StoreError
 from pipeline.formats.sensor_file import load_sensor
@@ -18,18 +19,16 @@ from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models import shipped_weights
 from pipeline.models.shipped_weights import (
     SENSORS,
-    SensorCard,
     card_path,
-    models_place,
+    models_location,
     read_card,
-    sensor_card_path,
     shipped_models,
     shipped_sensor_network,
 )
 from pipeline.models.touch_model import save_touch_model
 from pipeline.real_touch import TouchReader
 from pipeline.reconstruct.predict import PredictOptions
-from stages.train_touch.stage import TouchTrainingSettings
+from stages.train_touch import TouchTrainingSettings
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset as spheres
 
@@ -102,7 +101,7 @@ def test_predict_without_models_uses_the_shipped_network(data, shipped, tmp_path
     assert done.exit_code == 0, done.output
     assert trimesh.load(tmp_path / "out.ply").is_watertight
     assert PredictOptions().network() == (shipped, NETWORK)
-    assert PredictOptions(models_place("shipped")).network(data) == (shipped, NETWORK)
+    assert PredictOptions(models_location("shipped")).network(data) == (shipped, NETWORK)
     assert PredictOptions().network(data) == (data / "models", "occluded-touch")  # its own
     assert PredictOptions(None, f"{NETWORK}-touch").network(bare) == (shipped, f"{NETWORK}-touch")
     with pytest.raises(StageError, match="the pretrained network has one training; name models of training seed 1"):

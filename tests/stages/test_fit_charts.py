@@ -167,7 +167,7 @@ def test_touch_missed_by_the_u_net_keeps_the_square(tmp_path: Path) -> None:
 
 
 def test_faults_of_an_object_are_invalid_input(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="U-Net knows sensor other"):
+    with pytest.raises(InvalidInput, match="knows sensor other"):
         run(ChartSettings(), task(), trained(tmp_path / "unet", SENSOR.model_copy(update={"name": "other"})))
     bent = task()
     bent[1]["grasps"]["sensor_pose"][0, 1, 0, 0] += 1

@@ -12,15 +12,7 @@ from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
 from pipeline.errors import InvalidInput
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
-from pipeline.models.families import (
-    GRASP_CONFIGURATIONS,
-    ROWS,
-    inputs_of,
-    load_reconstructor,
-    model_name,
-    reconstructor_type,
-    trained_models,
-)
+from pipeline.models.families import ROWS, load_reconstructor, model_name, reconstructor_type, rows_of, trained_models
 from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
@@ -29,8 +21,7 @@ from pipeline.tables.results import trainings_table
 from pipeline.training.items import Items
 from stages.evaluate.evaluation_files import read_figures, read_root
 from stages.registry import load_stage, resolve
-from stages.train_implicit.learner import ImplicitLearner
-from stages.train_implicit.stage import TrainImplicit
+from stages.train_implicit import ImplicitLearner, TrainImplicit
 from tests.stages import ball_dataset as spheres
 
 NAME = "implicit-any"
@@ -176,10 +167,8 @@ def test_step_without_images_gives_every_weight_a_gradient(data):
 
 def test_names_of_rows_refer_to_the_same_network(data):
     assert model_name(f"{NAME}-touch", 1) == f"models/seed-1/implicit/{NAME}"
-    assert inputs_of(f"{NAME}-unoccluded").image == "unoccluded"
-    assert ROWS.keys() <= trained_models(data / "models").keys()
-    assert NAME in GRASP_CONFIGURATIONS
-    assert not ROWS.keys() & GRASP_CONFIGURATIONS.keys()
+    assert ROWS[f"{NAME}-unoccluded"].inputs.image == "unoccluded"
+    assert trained_models(data / "models").keys() == {NAME, *rows_of(NAME)}
     assert resolve("evaluate", "draft", ["evaluate.configurations=[implicit-any-touch]"]).configurations == ("implicit-any-touch",)
     with pytest.raises(InvalidInput, match="each once"):
         resolve("evaluate", "draft", ["evaluate.configurations=[implicit-any,implicit-any-touch]"])

@@ -9,9 +9,8 @@ import pytest
 import torch
 
 from pipeline.errors import InvalidInput, StoreError
-from pipeline.kernels.metrics.chamfer import chamfer
+from pipeline.kernels.metrics.chamfer import chamfer, sample_surface
 from pipeline.kernels.metrics.cloud_distances import sampled_area, sampling_floor
-from pipeline.kernels.metrics.surface_sampling import sample_surface
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.models.families import load_reconstructor
@@ -19,9 +18,8 @@ from pipeline.models.observation import Observation, stack_observations
 from pipeline.rng import torch_generator
 from pipeline.training.checkpoint import read_metrics
 from pipeline.training.items import Items
-from pipeline.training.reconstruction import Batch
-from stages.train_gcn.learner import GcnLearner
-from stages.train_gcn.stage import GcnSettings, TrainGcn
+from pipeline.training.learner import Batch
+from stages.train_gcn import GcnLearner, GcnSettings, TrainGcn
 from tests.stages.tiny_dataset import manifest, run_stage
 
 SMALL = ("train-gcn.gcn_layers=3", "train-gcn.gcn_features=12", "train-gcn.epochs=2", "train-gcn.loss_points=200", "train-gcn.threads=1")

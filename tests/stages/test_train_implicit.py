@@ -20,11 +20,11 @@ from pipeline.models.observation import Observation, observed_arrays, stored_obs
 from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.store.directory import DataDirectory
 from pipeline.training.items import Items
-from pipeline.training.training_stage import setting_remarks
+from pipeline.training.training_stage import remarks
 from schemas.charts import CHARTS
 from stages.evaluate.evaluation_files import read_figures, read_surfaces, surface_of
 from stages.registry import load_stage, resolve
-from stages.train_implicit.stage import ImplicitSettings, TrainImplicit
+from stages.train_implicit import ImplicitSettings, TrainImplicit
 from tests.stages import ball_dataset as spheres
 
 NAME = "implicit-touch"
@@ -176,7 +176,8 @@ def test_settings_without_effect_and_missing_grasps_are_named(data):
         settings = resolve("train-implicit", "draft", [f"train-implicit.{text}" for text in (f"configuration={configuration}", *stated)])
         return [
             line.split(maxsplit=1)[0] if "no effect" in line else line
-            for line in setting_remarks(settings, Items(data, "train", settings.inputs, 1, learned=TrainImplicit.arrays))
+            for line in remarks(settings, Items(data, "train", settings.inputs, 1, learned=TrainImplicit.arrays))
+            if "render-vision.resolution" not in line
         ]
 
     few = "items have at most 5 grasps, min_grasps is 1 and max_grasps 9: the dataset holds no more of an object (simulate-grasps.grasps)"

@@ -14,10 +14,8 @@ from pipeline.kernels.networks.local_network import LocalNetwork, pixel_position
 from pipeline.kernels.touch.pressed_gel import scaled_gel
 from pipeline.kernels.touch.sensor import Gel, resample
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
-from pipeline.real_touch import save_sensor_network
-from stages.train_touch.learner import PressLearner, train_local_network, vary_change
-from stages.train_touch.presses import Presses, random_presses
-from stages.train_touch.stage import TouchTrainingSettings
+from pipeline.real_touch import random_presses, save_sensor_network
+from stages.train_touch import Presses, PressLearner, TouchTrainingSettings, train_local_network, vary_change
 
 SENSOR = resample(load_sensor("gelsight"), 36, 48).model_copy(update={"membrane": 0.0, "gel": Gel(modulus=1e5)})
 SETTINGS: dict[str, Any] = {"epochs": 20, "batch_size": 8, "window": 24, "width": 8, "learning_rate": 1e-2}
@@ -64,7 +62,7 @@ def test_windows_are_crops_of_presses(presses: Presses) -> None:
     whole = 1e3 * presses.read(5).indentation
     x, y = windows.position[0]
     col, row = (round(float((part[0, 0] + 1) / 2 * size - 0.5)) for part, size in ((x, 48), (y, 36)))
-    np.testing.assert_array_equal(windows.truth.depth[0], whole[row : row + 24, col : col + 24])
+    np.testing.assert_array_equal(windows.depth[0], whole[row : row + 24, col : col + 24])
     change = presses.read(5).image.astype(float) - presses.untouched
     np.testing.assert_array_equal(windows.change[0].permute(1, 2, 0), change[row : row + 24, col : col + 24])
 

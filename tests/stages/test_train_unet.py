@@ -27,8 +27,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
 from schemas.grasps import GRASPS
 from schemas.touch import TOUCH
-from stages.train_unet.learner import Touches, UnetLearner, load_touches
-from stages.train_unet.stage import TrainUnet, UnetSettings, depth_errors
+from stages.train_unet import Touches, TrainUnet, UnetLearner, UnetSettings, depth_errors, load_touches
 from tests.engine.tiny_stages import run
 from tests.stages.pressed_balls import GRASPS_EACH, SENSOR, SENSORS, Made, depths
 
@@ -66,9 +65,10 @@ def learner(touches: Touches, **changes: Any) -> UnetLearner:
         return UnetLearner(UNet(settings.width), touches, touches, settings)
 
 
-def everything(trained: UnetLearner) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def everything(trained: UnetLearner) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Read all items as one batch."""
-    return trained.read(range(len(trained)), [torch.Generator() for _ in range(len(trained))])
+    items = range(len(trained.train))
+    return trained.read(items, [torch.Generator() for _ in items])
 
 
 def test_items_are_the_sensors_that_touched(touches: Touches) -> None:
@@ -76,9 +76,9 @@ def test_items_are_the_sensors_that_touched(touches: Touches) -> None:
     assert (touches.where[:, 2] < SENSORS - 1).all()
     tactile_images, depth = touches.read([0, 5])
     for item, index in enumerate(touches.where[[0, 5]]):
-        assert (tactile_images[item].numpy() == touches.rows.arrays["tactile_image"][tuple(index)]).all()
-        assert (depth[item].numpy() == touches.rows.arrays["depth"][tuple(index)]).all()
-    assert learner(touches).describe(5) == "ball-1 grasp 0 sensor 1"
+        assert (tactile_images[item] == touches.rows.arrays["tactile_image"][tuple(index)]).all()
+        assert (depth[item] == touches.rows.arrays["depth"][tuple(index)]).all()
+    assert touches.name(5) == "ball-1 grasp 0 sensor 1"
 
 
 @pytest.mark.parametrize("loss", ["depth", "chamfer"])
@@ -197,7 +197,7 @@ def test_weights_of_the_best_epoch_are_stored(trained: tuple[Path, dict[str, Any
 def test_trade_measures_the_depth_error_of_each_test_object(trained: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch) -> None:
     data = trained[0]
     monkeypatch.setattr(DataDirectory, "verified_folder", lambda *_: data / "models")
-    tactile_images, depth = (tensor.numpy() for tensor in load_touches(data, "test").read(range(GRASPS_EACH * (SENSORS - 1))))
+    tactile_images, depth = load_touches(data, "test").read(range(GRASPS_EACH * (SENSORS - 1)))
     differences = (load_touch_model(data / "models", "cpu").maps(tactile_images)[0] - depth)[depth < SENSOR.w]
     assert depth_errors(data, data) == {"ball-3": pytest.approx(1e6 * np.sqrt(np.square(differences).mean()), rel=1e-4)}
 

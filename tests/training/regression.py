@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor, distributed, nn
 
 from pipeline.rng import seeded_weights
 from pipeline.training.learner import Learner
@@ -18,6 +18,13 @@ Batch = tuple[list[int], Tensor]
 """Items, and the noise that is drawn for each."""
 
 
+class Points(list[float]):
+    """The items of a regression."""
+
+    def name(self, item: int) -> str:
+        return f"point-{item}"
+
+
 class Regression(Learner):
     """y = 3 x + 1, with noise drawn for each item and epoch; `poison` is an item that is NaN.
 
@@ -26,25 +33,23 @@ class Regression(Learner):
     A `plain` one has neither noise nor batch norm: its gradient is the mean of its items'.
     """
 
+    train: Points
+
     def __init__(self, kill_at: int | None = None, poison: int | None = None, seed: int = 0, plain: bool = False) -> None:
         with seeded_weights(seed, "regression"):
             norm = nn.Identity() if plain else nn.BatchNorm1d(8)
-            super().__init__(nn.Sequential(nn.Linear(1, 8), norm, nn.ReLU(), nn.Linear(8, 1)))
+            network = nn.Sequential(nn.Linear(1, 8), norm, nn.ReLU(), nn.Linear(8, 1))
+        super().__init__(network, Points(), Points(), None)
         self.noise = 0.0 if plain else 0.1
         self.x = torch.linspace(-1, 1, 48)[:, None]
+        self.train.extend(self.x)
         self.steps, self.kill_at, self.poison = 0, kill_at, poison
-
-    def __len__(self) -> int:
-        return len(self.x)
-
-    def describe(self, item: int) -> str:
-        return f"point-{item}"
 
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
         return list(items), torch.stack([torch.randn(1, generator=generator, dtype=torch.float32) for generator in generators])
 
     def loss(self, network: nn.Module, batch: Batch) -> Tensor:
-        if self.steps == self.kill_at and os.environ.get("LOCAL_RANK", "1") == "1":
+        if self.steps == self.kill_at and (not distributed.is_initialized() or distributed.get_rank() == 1):
             os.kill(os.getpid(), signal.SIGKILL)
         self.steps += 1
         items, drawn = batch

@@ -89,16 +89,6 @@ def test_best_epochs_weights_are_kept(tmp_path):
     assert list(tmp_path.glob("tensorboard/**/events*"))
 
 
-def test_training_in_a_slurm_job_has_the_same_result(tmp_path, monkeypatch):
-    alone = run(tmp_path / "alone")
-    (tmp_path / "srun").write_text("")
-    (tmp_path / "srun").chmod(0o755)
-    monkeypatch.setenv("PATH", str(tmp_path), prepend=":")  # lightning looks for srun, and then believes these
-    for name, value in {"SLURM_JOB_NAME": "train-gcn", "SLURM_NTASKS": "4", "SLURM_PROCID": "1", "SLURM_LOCALID": "1"}.items():
-        monkeypatch.setenv(name, value)
-    assert same(run(tmp_path / "job"), alone)
-
-
 def test_patience_ends_a_training(tmp_path):
     learner = Scripted(validation=[3.0, 1.0, 2.0, 1.5, 0.5])
     facts = fit(learner, tmp_path, epochs=5, patience=2)

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 import torch
 from torch import Tensor
-from torch.multiprocessing.spawn import ProcessRaisedException
 
 from pipeline.errors import StageError, StoreError
 from pipeline.kernels.metrics.chamfer import chamfer
@@ -27,7 +26,7 @@ class Perfect(Regression):
 
     def loss(self, network: torch.nn.Module, batch: Batch) -> torch.Tensor:
         nothing = 0 * super().loss(network, batch)
-        return nothing + (self.later if self.steps > len(self) / settings().batch_size else 0)
+        return nothing + (self.later if self.steps > len(self.train) / settings().batch_size else 0)
 
 
 class Steep(Regression):
@@ -68,7 +67,7 @@ class Few(Regression):
 
     def __init__(self, count: int) -> None:
         super().__init__(plain=True)
-        self.x = self.x[:count]
+        del self.train[count:]
 
 
 class Raising(Regression):
@@ -126,15 +125,16 @@ def test_finite_loss_after_an_epoch_of_zero_loss_is_accepted(tmp_path: Path) -> 
     ids=["ours", "full"],
 )
 def test_error_message_of_one_of_several_processes_is_reported_completely(tmp_path: Path, error: Exception) -> None:
-    with pytest.raises(StageError) as raised:
+    with pytest.raises(type(error)) as raised:
         fit(Raising(error), tmp_path, devices=2)
-    assert str(raised.value).removeprefix("OSError: ") == str(error)
+    assert str(raised.value) == str(error)
 
 
 @pytest.mark.slow
 def test_unexpected_error_in_one_of_several_processes_keeps_its_traceback(tmp_path: Path) -> None:
-    with pytest.raises(ProcessRaisedException, match=r"(?s)in validate\n.*ValueError: of\ntwo lines"):
+    with pytest.raises(ValueError, match="of\ntwo lines") as raised:
         fit(Raising(ValueError("of\ntwo lines")), tmp_path, devices=2)
+    assert "in validate\n" in str(raised.value.__cause__)
 
 
 def test_number_of_threads_is_restored_after_an_error() -> None:

@@ -1,10 +1,7 @@
 """Trainings of several processes: the losses of one, a clear error when one is killed, and no process left running."""
 
 import multiprocessing
-import os
-import stat
 import sys
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +15,8 @@ from pipeline.console import console_on
 from pipeline.engine.stage import DatasetJob, DatasetStage
 from pipeline.errors import StageError
 from pipeline.training.checkpoint import read_metrics
-from stages.train_gcn.stage import TrainGcn
-from stages.train_unet.stage import TrainUnet
+from stages.train_gcn import TrainGcn
+from stages.train_unet import TrainUnet
 from tests.stages import ball_dataset
 from tests.training.regression import Regression, fit
 
@@ -45,21 +42,17 @@ class Guarded(Regression):
         heard = {one.laddr.ip for one in psutil.Process().net_connections("tcp") if one.status == psutil.CONN_LISTEN}
         if heard - {"127.0.0.1", "::1"}:
             raise StageError(f"listens on {heard}")
-        if (mode := stat.S_IMODE(os.stat(tempfile.gettempdir()).st_mode)) != 0o700:  # torch unpickles a file from there
-            raise StageError(f"files for all users in {tempfile.gettempdir()}, {mode:o}")
         return super().validate(network)
 
 
 @pytest.mark.parametrize("devices", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_processes_have_the_losses_of_one_and_keep_to_themselves(tmp_path: Path, devices: int) -> None:
-    """Parts of 48 items are uneven or, of three, empty; processes reject pickles, listen locally and keep their files private."""
-    before = os.environ.get("TMPDIR"), tempfile.gettempdir()
+    """Parts of 48 items are uneven or, of three, empty; processes reject pickles and listen locally."""
     learners = [Regression(), Guarded()]
     for learner, count in zip(learners, (1, devices), strict=True):
         facts = fit(learner, tmp_path / str(count), devices=count, batch_size=46 if devices == 3 else 7, epochs=2, **EXACT)
         assert facts["hardware"]["processes"] == count
         assert len(facts["hardware"]["processors"]) == 1
-    assert (os.environ.get("TMPDIR"), tempfile.gettempdir()) == before
     assert_same_curves(tmp_path / "1", tmp_path / str(devices))
     weights = [learner.network.state_dict() for learner in learners]
     assert weights[0].keys() == weights[1].keys()
@@ -105,7 +98,7 @@ def test_killed_process_ends_the_training_which_resumes_to_the_same_weights(tmp_
 
 
 def test_more_devices_than_gpus_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipeline.training.processes.device_of", torch.device)
-    monkeypatch.setattr("lightning_fabric.accelerators.cuda.num_cuda_devices", lambda: 1)
-    with pytest.raises(StageError, match=r"accelerator cuda, 2 devices, 32-true: .*\[0, 1\]"):
+    monkeypatch.setattr("pipeline.training.loop.device_of", torch.device)
+    monkeypatch.setattr("torch.cuda.device_count", lambda: 1)
+    with pytest.raises(StageError, match="devices is 2, this machine has 1 GPU; lower it"):
         fit(Regression(), tmp_path, accelerator="cuda", devices=2)

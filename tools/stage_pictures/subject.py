@@ -18,7 +18,7 @@ from pipeline.drawing.grasp_pictures import surroundings
 from pipeline.drawing.views import render_mesh
 from pipeline.errors import StageError
 from pipeline.kernels.vision.scene import Scene
-from pipeline.models.families import FAMILIES, family_of, load_reconstructor
+from pipeline.models.families import FAMILIES, ROWS, load_reconstructor
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.shipped_weights import DEFAULT
@@ -87,7 +87,7 @@ def _networks(source: ReportSource, object_id: str, grasp: int) -> dict[str, tup
         if trained:
             name = max(trained, key=len)
             network = load_reconstructor(name.rpartition("/")[2], source.directory.verified_folder(name))
-        elif family == family_of(DEFAULT) and "charts" in source.collections:
+        elif family == ROWS[DEFAULT].family and "charts" in source.collections:
             network = load_reconstructor(f"{DEFAULT}-occluded-touch", shipped_folder())
         else:
             continue

@@ -20,8 +20,7 @@ from pipeline.formats.image_file import read_image
 from pipeline.kernels.touch.ball_contact import RING, Photograph, ball_impression, distance_from
 from pipeline.kernels.touch.calibrated_shading import calibrated_change
 from pipeline.kernels.touch.colour_fit import ColourFit, ColourFitOptions, fit_background, fit_colours
-from pipeline.kernels.touch.optics import Calibration
-from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.sensor import Calibration, Sensor
 from pipeline.store.atomic import write_atomically
 
 SENSOR_NAME = re.compile(r"[A-Za-z0-9._-]{1,120}")

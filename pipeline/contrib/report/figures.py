@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -11,9 +11,10 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
-from PIL import Image
+from PIL.Image import fromarray
+from skimage.util import montage
 
-from pipeline.contrib.report.report_source import ReportSource, best
+from pipeline.contrib.report.report_source import Picture, ReportSource, best
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import is_surface
 from pipeline.drawing.colors import COLORS, depth_colors
@@ -42,13 +43,22 @@ RADIUS = 0.15
 """m, radius of the sphere of charts in its picture."""
 FILL = 0.8
 """Share of a picture's side that an object takes up beside its reconstructions, which may be larger."""
-GAP = 4
-"""Pixels between the tiles of a grid."""
+GRID: Any = {"fill": (255, 255, 255), "padding_width": 4, "channel_axis": 3}
+"""White between tiles."""
 
-Picture = NDArray[np.uint8]  # (rows, cols, 3)
+Image = NDArray[np.uint8]  # (rows, cols, 3)
 
 
-def draw_figures(source: ReportSource, folder: Path, max_objects: int) -> list[dict[str, Any]]:  # title, text and pictures of each figure
+class PaperFigure(NamedTuple):
+    """A figure of the paper, drawn from the dataset."""
+
+    title: str
+    text: str
+    pictures: list[Picture]
+    kind: str = "wide"  # or steps: narrow pictures in a row
+
+
+def draw_figures(source: ReportSource, folder: Path, max_objects: int) -> list[PaperFigure]:
     """Draw the figures that the dataset has data for as PNG files, with at most `max_objects` reconstructions."""
     object_id, grasp = clearest_grasp(source, spread_evenly(source.object_ids, CANDIDATES))
     scene = source.scene()
@@ -73,13 +83,14 @@ def draw_figures(source: ReportSource, folder: Path, max_objects: int) -> list[d
                 object_ids = nearest_middle_farthest(source.evaluation.ranked(columns), max_objects)
                 draw_gallery(source, folder / file, object_ids, columns)
                 alt = f"Reconstructions of {', '.join(object_ids)}: a row per object, a column per network and number of grasps"
-                figures.append(_figure(title, text, [(folder / file, alt, "")], "wide"))
+                figures.append(PaperFigure(title, text, [Picture(f"figures/{file}", alt)]))
     return figures
 
 
-def _figure(title: str, text: str, pictures: list[tuple[Path, str, str]], kind: str) -> dict[str, Any]:
-    entries = [{"file": f"figures/{path.name}", "alt": alt, "caption": caption} for path, alt, caption in pictures]
-    return {"title": title, "text": text, "pictures": entries, "kind": kind}
+def save_picture(image: Image, folder: Path, name: str, alt: str, caption: str = "") -> Picture:
+    """Write an image of a page into the folder `figures` of a report."""
+    fromarray(image).save(folder / name, optimize=True, quality=85)
+    return Picture(f"figures/{name}", alt, caption)
 
 
 def clearest_grasp(
@@ -104,7 +115,7 @@ def overview_panels(
     object_id: str,
     grasp: int,  # from 0
     pixels: int = 480,
-) -> list[tuple[str, Picture]]:  # captions, square images
+) -> list[tuple[str, Image]]:  # captions, square images
     """Render an object, a grasp of it and its reconstruction, then the tactile images, depth maps and touched surface between.
 
     The reconstruction is the best of those that are given touches, else the best of all; there is none if the object was not evaluated.
@@ -119,23 +130,15 @@ def overview_panels(
         panels = [
             ("object", render_mesh(renderer, mesh, camera)),
             ("grasp", held),
-            ("tactile images →", _grid([touch.tactile_image for touch in touches])),
-            ("depth maps →", _grid([touch.depth for touch in touches])),
+            ("tactile images →", montage([touch.tactile_image for touch in touches], **GRID)),
+            ("depth maps →", montage([touch.depth for touch in touches], **GRID)),
             (f"touched surface, {count} touch{'es' * (count != 1)}", touched),
         ]
         if source.evaluation and (predictions := source.evaluation.predictions(object_id)):
             prediction = best([candidate for candidate in predictions if candidate.felt] or predictions)
-            predicted = source.evaluation.mesh(object_id, prediction, source.collections.get("charts"))
-            panels.insert(2, (f"reconstruction: {prediction.label}", render_mesh(renderer, predicted, camera)))
+            predicted = source.evaluation.mesh(object_id, prediction)
+            panels.insert(2, (f"reconstruction: {prediction.inputs}, {prediction.error}", render_mesh(renderer, predicted, camera)))
     return panels
-
-
-def _grid(tiles: list[Picture]) -> Picture:
-    """Arrange tiles of one size in a grid that is as square as possible, with white between them."""
-    columns = int(np.ceil(np.sqrt(len(tiles))))
-    framed = [np.pad(tile, ((GAP, GAP), (GAP, GAP), (0, 0)), constant_values=255) for tile in tiles]
-    framed += [np.full_like(framed[0], 255)] * (-len(framed) % columns)
-    return np.concatenate([np.concatenate(framed[start : start + columns], axis=1) for start in range(0, len(framed), columns)])
 
 
 def nearest_middle_farthest(ranked: Sequence[str], limit: int) -> list[str]:
@@ -159,20 +162,19 @@ def draw_gallery(source: ReportSource, path: Path, object_ids: Sequence[str], na
             for name in names:
                 predictions = [prediction for prediction in evaluation.predictions(object_id) if prediction.network == name]
                 for prediction in {prediction.grasps: prediction for prediction in (predictions[0], predictions[-1])}.values():
-                    predicted = evaluation.mesh(object_id, prediction, source.collections.get("charts"))
+                    predicted = evaluation.mesh(object_id, prediction)
                     tiles.append(Tile(prediction.inputs, [render_mesh(renderer, predicted, camera)], prediction.error))
             sheet_rows.append(SheetRow(object_id, "", tiles))
     draw_sheet(sheet_rows, path, title="Reconstructions", note="below each: mean distance to the object", page=len(sheet_rows))
 
 
-def _procedure(source: ReportSource, renderer: Renderer, folder: Path, object_id: str, grasp: int) -> dict[str, Any]:
-    files = []
-    for number, (caption, image) in enumerate(procedure_steps(source, renderer, object_id, grasp), start=1):
-        path = folder / f"procedure-{number}.png"
-        Image.fromarray(image).save(path, optimize=True)
-        files.append((path, f"{object_id}, step {number} of its grasp", f"{number}. {caption}"))
+def _procedure(source: ReportSource, renderer: Renderer, folder: Path, object_id: str, grasp: int) -> PaperFigure:
+    pictures = [
+        save_picture(image, folder, f"procedure-{number}.png", f"{object_id}, step {number} of its grasp", f"{number}. {caption}")
+        for number, (caption, image) in enumerate(procedure_steps(source, renderer, object_id, grasp), start=1)
+    ]
     text = f"Grasp {grasp + 1} of {object_id}. Of many such attempts the grasps with most touches are kept."
-    return _figure("How a grasp is made (Figure 1)", text, files, "steps")
+    return PaperFigure("How a grasp is made (Figure 1)", text, pictures, "steps")
 
 
 def procedure_steps(
@@ -180,7 +182,7 @@ def procedure_steps(
     renderer: Renderer,
     object_id: str,
     grasp: int,  # from 0
-) -> list[tuple[str, Picture]]:  # captions, images (`PIXELS`, `PIXELS`, 3)
+) -> list[tuple[str, Image]]:  # captions, images (`PIXELS`, `PIXELS`, 3)
     """Render the steps of a grasp: hand, fingers drawn back, fingers closed, touched surface."""
     rows, hand = source.rows(object_id), source.hand()
     angles = rows["grasps"]["joint_angles"][grasp]
@@ -194,7 +196,7 @@ def procedure_steps(
         return [*steps, ("each sensor measures the surface in its gel (coloured)", side.touched())]
 
 
-def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int) -> dict[str, Any]:
+def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int) -> PaperFigure:
     """Draw predicted beside true depth, points and charts of a grasp's touches."""
     rows, sensors = source.rows(object_id), source.sensors()
     model = load_touch_model(source.directory.verified_folder("models/unet"), "cpu")
@@ -203,7 +205,6 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
     predicted, pressed = model.maps(rows["touch"]["tactile_image"][grasp][touched])
     clouds = [masked_points(*maps, model.sensor) for maps in zip(predicted, pressed, strict=True)]
     touches = touches_of(rows, grasp, source.hand(), sensors)
-    path = folder / "local-shape.png"
     with matplotlib.rc_context({"font.size": 8}):
         layout = ConstrainedLayoutEngine(rect=(0.02, 0, 0.94, 1))  # it ignores the width of labels beside 3D axes
         figure = Figure((9, 2.3 * len(touched)), dpi=110, layout=layout)
@@ -223,13 +224,13 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
             figure.colorbar(ScalarMappable(Normalize(0, 1e3 * sensor.w), "viridis_r"), ax=axes, shrink=0.8, label="depth, mm")
             axes.set_xlabel(f"x, mm; mean error {1e3 * error:.2f} mm")
             draw_local_points(figure.add_subplot(grid[row, 3], projection="3d"), rows, true[:count], clouds[row], grasp, number)
-        save_figure(figure, path)
+        save_figure(figure, folder / "local-shape.png")
     text = (
         "Per touch: what the sensor sees, the depth it has, the depth the U-Net predicts from the image, and in 3D the true local points "
         "(blue), the predicted ones (orange) and the chart fitted to them (wire)."
     )
     alt = f"Tactile images, true and predicted depth maps, and local points of {len(touched)} touches of {object_id}"
-    return _figure("Local points and touch charts, predicted and true (Figure 3)", text, [(path, alt, "")], "wide")
+    return PaperFigure("Local points and touch charts, predicted and true (Figure 3)", text, [Picture("figures/local-shape.png", alt)])
 
 
 def draw_local_points(
@@ -261,7 +262,7 @@ def draw_local_points(
     axes.view_init(elev=35, azim=-60)
 
 
-def _sphere(source: ReportSource, renderer: Renderer, folder: Path, object_id: str) -> dict[str, Any]:
+def _sphere(source: ReportSource, renderer: Renderer, folder: Path, object_id: str) -> PaperFigure:
     """Draw the sphere of vision charts before any deformation, where an object is, neighbouring charts in different colours."""
     points, charts = source.rows(object_id)["surfaces"]["points"].astype(np.float64), vision_charts()
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
@@ -271,11 +272,10 @@ def _sphere(source: ReportSource, renderer: Renderer, folder: Path, object_id: s
         chart = np.arange(len(charts.vertices)) // CHART_VERTICES
         offset = (gap - 1) * charts.vertices[charts.centres][chart]
         mesh = colored_charts(charts, RADIUS * (charts.vertices + offset) + middle)
-        path = folder / f"sphere-{number + 1}.png"
-        Image.fromarray(render_mesh(renderer, mesh, camera)).save(path, optimize=True)
-        pictures.append((path, f"Sphere of {len(charts.centres)} charts, {caption}", caption))
+        alt = f"Sphere of {len(charts.centres)} charts, {caption}"
+        pictures.append(save_picture(render_mesh(renderer, mesh, camera), folder, f"sphere-{number + 1}.png", alt, caption))
     text = f"The {len(charts.centres)} vision charts, {len(charts.vertices)} vertices, that the graph network deforms."
-    return _figure("The sphere of vision charts (Figure 4)", text, pictures, "steps")
+    return PaperFigure("The sphere of vision charts (Figure 4)", text, pictures, "steps")
 
 
 def colored_charts(

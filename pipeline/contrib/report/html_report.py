@@ -14,15 +14,14 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 from numpy.typing import ArrayLike
-from PIL import Image
 from rich.console import Console
 
 import pipeline
 from pipeline.console import Meter, Row, Table, abbreviate, pluralise, visible
-from pipeline.contrib.report.figures import CANDIDATES, clearest_grasp, draw_figures, overview_panels
+from pipeline.contrib.report.figures import CANDIDATES, clearest_grasp, draw_figures, overview_panels, save_picture
 from pipeline.contrib.report.object_page import ObjectPages
 from pipeline.contrib.report.provenance import commands, contents_table, outside_sweeps, records, settings_tables, versions_tables
-from pipeline.contrib.report.report_source import ReportSource
+from pipeline.contrib.report.report_source import Picture, ReportSource
 from pipeline.drawing.picture_sheet import spread_evenly
 from pipeline.drawing.plots import draw_bars, draw_curves, draw_errors, draw_histogram
 from pipeline.drawing.written_files import WRITTEN, ObjectCard, Pages, read_list, refuse_links
@@ -70,9 +69,13 @@ def write_report(data: Location, console: Console, max_objects: int = 10) -> Loc
             shutil.copyfile(ASSETS / name, folder / name)
         objects = _write_objects(source, folder, console, before, changed_files(report, before.every_file()))
         cards = [{"id": name, **card.model_dump()} for name, card in objects.items()]
-        _write(
-            source,
-            folder,
+
+        def write(name: str, **content: Any) -> None:
+            common = {"up": "", "current": PAGES[name], "name": source.name, "pages": PAGES}
+            page = _environment().get_template(f"{name}.j2").render(**common, **content)
+            (folder / name).write_text(page, encoding="utf-8")
+
+        write(
             "index.html",
             hero=_overview(source, folder),
             cards=spread_evenly(cards, CARDS),
@@ -84,10 +87,18 @@ def write_report(data: Location, console: Console, max_objects: int = 10) -> Loc
             has_images="vision" in source.collections,
         )
         categories, splits = (sorted({card[key] for card in cards}) for key in ("category", "split"))
-        _write(source, folder, "gallery.html", cards=cards, categories=categories, splits=splits)
-        _write(source, folder, "figures.html", figures=draw_figures(source, folder / "figures", max_objects))
-        _write(source, folder, "results.html", **_results(source, folder), trades=_trades(source, folder))
-        _write(source, folder, "about.html", **_about(source))
+        write("gallery.html", cards=cards, categories=categories, splits=splits)
+        write("figures.html", figures=draw_figures(source, folder / "figures", max_objects))
+        write("results.html", **_results(source, folder), trades=_trades(source, folder))
+        origins = records(source.directory)
+        write(
+            "about.html",
+            failures=_failures(source.failures),
+            contents=contents_table(origins),
+            commands=commands(source.directory, origins),
+            settings=settings_tables(source.directory, origins),
+            versions=versions_tables(origins),
+        )
         other_files = {name: sha256 for name, sha256 in hashes_of(folder).items() if not name.startswith("objects/")}
         pages = Pages(objects=objects, files=other_files)
         (folder / WRITTEN).write_text(pages.model_dump_json())
@@ -135,11 +146,6 @@ def _escaped(value: Any) -> Any:
     return value if not isinstance(value, str) or hasattr(value, "__html__") or value.isprintable() else visible(value)
 
 
-def _write(source: ReportSource, folder: Path, name: str, **content: Any) -> None:
-    page = _environment().get_template(f"{name}.j2").render(up="", current=PAGES[name], name=source.name, pages=PAGES, **content)
-    (folder / name).write_text(page, encoding="utf-8")
-
-
 def _tiles(source: ReportSource) -> list[tuple[str, str]]:
     """Count objects, grasps, touches, failures, and grasps that hold where that was tested, for the first page."""
     touched, held = (joined(source.touches.objects, name) for name in ("touched", "held"))
@@ -167,13 +173,11 @@ def _overview(source: ReportSource, folder: Path) -> dict[str, Any]:
     object_id, grasp = clearest_grasp(source, candidates, 1 if reconstructed else None)  # reconstructions with one grasp are of the first
     pictures = []
     for number, (caption, image) in enumerate(overview_panels(source, object_id, grasp), start=1):
-        name = f"figures/overview-{number}.webp"
-        Image.fromarray(image).save(folder / name, quality=85)
-        pictures.append({"file": name, "alt": f"{object_id}: {caption}", "caption": caption})
+        pictures.append(save_picture(image, folder / "figures", f"overview-{number}.webp", f"{object_id}: {caption}", caption))
     return {"object_id": object_id, "grasp": grasp + 1, "pictures": pictures, "columns": min(3, len(pictures))}
 
 
-def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path) -> list[dict[str, str]]:
+def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path) -> list[Picture]:
     """Draw the touches per grasp, beside the paper's if these are to be compared, and the contact areas by class."""
     shares, theirs = source.touches.per_grasp, source.touches.supplement_per_grasp
     bars: Mapping[str, ArrayLike] = {"here": shares} | ({PAPER: theirs} if theirs else {})
@@ -186,13 +190,13 @@ def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path
     means = ", ".join(f"{name} {values.mean():.0f}" for name, values in areas.items() if len(values))
     shares_text = ", ".join(f"{count}: {share:.1f} %" for count, share in enumerate(shares))
     return [
-        {"file": "figures/touches.svg", "alt": f"Touches per grasp here: {shares_text}", "caption": "Successful touches per grasp"},
-        {"file": "figures/contact.svg", "alt": f"Mean contact area, mm²: {means}", "caption": f"Contact area; mean, mm²: {means}"},
+        Picture("figures/touches.svg", f"Touches per grasp here: {shares_text}", "Successful touches per grasp"),
+        Picture("figures/contact.svg", f"Mean contact area, mm²: {means}", f"Contact area; mean, mm²: {means}"),
         *_hold_plots(source.touches.objects, folder / "figures"),
     ]
 
 
-def _hold_plots(objects: Sequence[ObjectTouches], folder: Path) -> list[dict[str, str]]:
+def _hold_plots(objects: Sequence[ObjectTouches], folder: Path) -> list[Picture]:
     """Draw how far and how fast objects moved at the end of the hold test, beside the limits of what holds; none if not tested."""
     measured = 1e3 * joined(objects, "motions").reshape(-1, 2).T
     if not measured.size:
@@ -204,20 +208,19 @@ def _hold_plots(objects: Sequence[ObjectTouches], folder: Path) -> list[dict[str
         ends = [f"{len(held)} of {len(values)} up to {limit:g} {unit}", *([f"greatest {held.max():.3g}"] if len(held) else [])]
         ends += [f"least beyond {beyond.min():.3g} {unit}"] if len(beyond) else []
         caption = f"The object's {name} at the end of the hold test: {', '.join(ends)}"
-        plots.append({"file": f"{folder.name}/{file}", "alt": caption, "caption": caption})
+        plots.append(Picture(f"figures/{file}", caption, caption))
     return plots
 
 
 def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
     """Make the summary and the tables of the evaluations, and the figures of the learning curves."""
     directory, models = source.directory, trained_models(source.directory, source.evaluated)
-    tables = results_tables(directory, source.evaluated, source.scored)
-    curves = []
+    tables, curves = results_tables(directory, source.evaluated, source.scored), []
     for name, model in models.items():
         file = f"figures/learning-{name}.svg"
         draw_curves(*training_losses(directory.verified_folder(model)), folder / file)
-        curves.append({"file": file, "alt": f"Training and validation loss of {name} by epoch", "caption": name})
-    return {"summary": _summary(source, folder), "groups": _tables_with_lines(tables), "curves": curves}
+        curves.append(Picture(file, f"Training and validation loss of {name} by epoch", name))
+    return {"summary": _summary(source, folder), "tables": tables, "curves": curves}
 
 
 def _summary(source: ReportSource, folder: Path) -> dict[str, Any] | None:
@@ -234,25 +237,10 @@ def _summary(source: ReportSource, folder: Path) -> dict[str, Any] | None:
     ]
     over = "objects and trainings" if len(evaluated) > 1 else "objects"
     caption = f"Error with one grasp by what is given, with 95 % intervals over {over}."
-    return {"sentences": summary.sentences, "file": file, "alt": f"Mean distance, mm: {'; '.join(series_texts)}", "caption": caption}
+    return {"sentences": summary.sentences, "picture": Picture(file, f"Mean distance, mm: {'; '.join(series_texts)}", caption)}
 
 
-def _tables_with_lines(tables: Sequence[Table]) -> list[tuple[Table, list[str]]]:
-    """Group each table with the lines of text before it; lines after the last table belong to that table."""
-    groups: list[tuple[Table, list[str]]] = []
-    lines: list[str] = []
-    for table in tables:
-        if table.columns:
-            groups.append((table, lines))
-            lines = []
-        else:
-            lines.append(table.title)
-    if groups:
-        groups[-1][1].extend(lines)
-    return groups
-
-
-def _trades(source: ReportSource, folder: Path) -> list[dict[str, str]]:
+def _trades(source: ReportSource, folder: Path) -> list[Picture]:
     """Draw the measured trades of speed for accuracy, the used settings marked, if the data directory is on a disk."""
     if not isinstance(source.directory.root, Path):
         return []
@@ -265,20 +253,8 @@ def _trades(source: ReportSource, folder: Path) -> list[dict[str, str]]:
         points = "; ".join(f"{point.label}: {point.seconds:.3g} s, {point.error:.3g} {trade.unit}".strip() for point in trade.points)
         mark = f"; used here: {used.label}" if used else "; the settings used here were not measured" if trade.stage in settings else ""
         caption = f"{trade.stage}, on {pluralise(len(trade.objects))}{mark}."
-        pictures.append({"file": file, "alt": f"{trade.metric}: {points}", "caption": caption})
+        pictures.append(Picture(file, f"{trade.metric}: {points}", caption))
     return pictures
-
-
-def _about(source: ReportSource) -> dict[str, Any]:
-    """Collect the failures by reason, and the origin of all artifacts and folders."""
-    origins = records(source.directory)
-    return {
-        "failures": _failures(source.failures),
-        "contents": contents_table(origins),
-        "commands": commands(source.directory, origins),
-        "settings": settings_tables(source.directory, origins),
-        "versions": versions_tables(origins),
-    }
 
 
 def _failures(failures: Mapping[str, Failure]) -> Table:

@@ -38,6 +38,14 @@ SHOWN_METRICS = {**dict(ACCURACY.values()), "chamfer": TABLE_3_FACTOR}
 """The metrics of single objects, and the factors to their units."""
 
 
+class Picture(NamedTuple):
+    """A picture of a page."""
+
+    file: str  # below the report's folder
+    alt: str
+    caption: str = ""
+
+
 class ReportSource(CompletedObjects):
     """The artifacts of a data directory that a report shows, its evaluations (one per training seed) and the scores of other methods.
 
@@ -50,7 +58,8 @@ class ReportSource(CompletedObjects):
         self.evaluated, self.scored = evaluations(self.directory), current_scores(self.directory)
         check_origins(self.directory, self.evaluated)
         self.measured = [*self.evaluated[:1], *(name for name in self.scored if name == SHIPPED_SCORES)]
-        self.evaluation = Evaluation([self.directory.verified_folder(name) for name in self.measured]) if self.measured else None
+        folders = [self.directory.verified_folder(name) for name in self.measured]
+        self.evaluation = Evaluation(folders, self.collections.get("charts")) if folders else None
 
     @cached_property
     def touches(self) -> Touches:
@@ -66,6 +75,7 @@ class Prediction(NamedTuple):
     felt: bool  # the network was given touches
     case: int  # its number in the network's group of surfaces
     figures: Mapping[str, float]  # by metric
+    inputs: str  # the network and the grasps that it was given
 
     @property
     def name(self) -> str:
@@ -77,16 +87,6 @@ class Prediction(NamedTuple):
         """Write its mean distance."""
         return f"{1e3 * self.figures['mean_distance']:.1f} mm"
 
-    @property
-    def inputs(self) -> str:
-        """Name the network and the grasps that it was given."""
-        return self.network + (f", {pluralise(self.grasps, 'grasp')}" if self.felt else "")
-
-    @property
-    def label(self) -> str:
-        """Name the reconstruction for a reader."""
-        return f"{self.inputs}, {self.error}"
-
 
 class Evaluation:
     """The results of single objects: surfaces (`tables`) and `figures`, by network whose surfaces are stored."""
@@ -94,7 +94,9 @@ class Evaluation:
     def __init__(
         self,
         folders: Sequence[Path],  # an evaluation, and scores with surfaces; those not comparable are skipped
+        fitted: Collection | None = None,  # the artifact `charts`
     ) -> None:
+        self.fitted = fitted
         self.object_ids = [str(name) for name in read_table(folders[0], "objects")["object_id"]]
         self.tables: dict[str, Arrays] = {}
         self.figures: dict[str, Figures] = {}
@@ -114,9 +116,10 @@ class Evaluation:
         for name, table in self.tables.items():
             cases = [case for case, first_grasp in enumerate(table["first_grasp"]) if first_grasp == 0]
             for case in sorted(cases, key=lambda case: int(table["grasps_given"][case])):
-                count = max(int(table["grasps_given"][case]), 1)
+                felt, count = bool(table["grasps_given"][case]), max(int(table["grasps_given"][case]), 1)
                 figures = {metric: float(self.figures[name].per_case(metric, count)[row, 0]) for metric in SHOWN_METRICS}
-                predictions.append(Prediction(name, count, bool(table["grasps_given"][case]), case, figures))
+                inputs = name + (f", {pluralise(count, 'grasp')}" if felt else "")
+                predictions.append(Prediction(name, count, felt, case, figures, inputs))
         return predictions
 
     def ranked(self, names: Sequence[str]) -> list[str]:
@@ -133,9 +136,9 @@ class Evaluation:
         table = self.tables[prediction.network]
         return surface_of(table, table["object_id"].tolist().index(object_id), prediction.case)
 
-    def mesh(self, object_id: str, prediction: Prediction, fitted: Collection | None) -> Mesh:
-        """Make the mesh of a reconstruction, with the touch charts of its input if these are `fitted`."""
-        return predicted_mesh(fitted, object_id, self.tables[prediction.network], prediction.case)
+    def mesh(self, object_id: str, prediction: Prediction) -> Mesh:
+        """Make the mesh of a reconstruction, with the touch charts of its input if these are fitted."""
+        return predicted_mesh(self.fitted, object_id, self.tables[prediction.network], prediction.case)
 
 
 def predicted_mesh(

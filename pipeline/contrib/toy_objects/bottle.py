@@ -1,10 +1,8 @@
 """Models of bottles."""
 
-from math import inf
-
 import numpy as np
 
-from pipeline.contrib.toy_objects.model import BLACK, GOLD, PLASTICS, RED, WHITE, Model, Palette
+from pipeline.contrib.toy_objects.model import BLACK, GOLD, PLASTICS, RED, WHITE, Model, Palette, Stretch
 from pipeline.contrib.toy_objects.pictures import label
 from pipeline.contrib.toy_objects.solids import Rows, Solid, ball, bar, box, column, lathe, rod, smooth, sweep
 
@@ -24,7 +22,7 @@ class Bottle(Model):
     Millimetres, standing on z = 0, the front faces -y. A body has rows (z, half its width) from the foot to the mouth.
     """
 
-    proportions = (("xy", -inf, inf, 0.86, 1.16), ("z", -inf, inf, 0.86, 1.14))
+    proportions = (Stretch("xy", 0.86, 1.16), Stretch("z", 0.86, 1.14))
 
     def body(
         self,

@@ -1,10 +1,8 @@
 """Models of brushs."""
 
-from math import inf
-
 import numpy as np
 
-from pipeline.contrib.toy_objects.model import BLACK, GOLD, PLASTICS, STEELS, WHITE, WOODS, Model, Palette
+from pipeline.contrib.toy_objects.model import BLACK, GOLD, PLASTICS, STEELS, WHITE, WOODS, Model, Palette, Stretch
 from pipeline.contrib.toy_objects.solids import Rows, ball, bar, bow, box, column, lathe, rod, smooth, sweep
 
 HAIRS: Palette = ((236, 226, 200), (60, 48, 40), (140, 96, 58), WHITE, BLACK, *PLASTICS)
@@ -16,7 +14,7 @@ class Brush(Model):
     Millimetres, along x, the bristles at +x or below.
     """
 
-    proportions = (("x", -inf, -10, 0.85, 1.15), ("x", 20, inf, 0.88, 1.14), ("y", -inf, inf, 0.88, 1.14), ("z", -inf, inf, 0.9, 1.1))
+    proportions = (Stretch("x", 0.85, 1.15, end=-10), Stretch("x", 0.88, 1.14, start=20), Stretch("y", 0.88, 1.14), Stretch("z", 0.9, 1.1))
 
     def stick(self, outline: Rows, trim: float) -> None:
         """Add a flat handle with rows (x, low z, high z, width), its end of another colour up to the position `trim`."""

@@ -1,10 +1,8 @@
 """Models of bulbs."""
 
-from math import inf
-
 import numpy as np
 
-from pipeline.contrib.toy_objects.model import BLACK, GOLD, PLASTICS, STEELS, WHITE, Model, Palette
+from pipeline.contrib.toy_objects.model import BLACK, GOLD, PLASTICS, STEELS, WHITE, Model, Palette, Stretch
 from pipeline.contrib.toy_objects.solids import ball, bow, coil, column, lathe, rod, smooth, sweep
 
 GLASS: Palette = (WHITE, (250, 240, 206), (236, 236, 226), (210, 222, 226), (244, 206, 130))
@@ -14,7 +12,7 @@ SHELL: Palette = (WHITE, (210, 210, 206), *STEELS)
 class Bulb(Model):
     """Bulbs (pear, globe, candle, reflector, tubes, spiral, halogen), lantern, desk lamp, torch. Millimetres, standing on about z = 0."""
 
-    proportions = (("xy", -inf, inf, 0.88, 1.14), ("z", -inf, inf, 0.88, 1.14))
+    proportions = (Stretch("xy", 0.88, 1.14), Stretch("z", 0.88, 1.14))
 
     def cap(self, high: float = 26.0) -> None:
         """Add a screw cap from z = 0 upwards, or a bayonet cap with its two pins."""

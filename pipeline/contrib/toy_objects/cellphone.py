@@ -1,11 +1,10 @@
 """Models of cellphones."""
 
 from collections.abc import Sequence
-from math import inf
 
 from PIL import Image, ImageDraw
 
-from pipeline.contrib.toy_objects.model import BLACK, PLASTICS, RED, STEELS, WHITE, Model, Palette
+from pipeline.contrib.toy_objects.model import BLACK, PLASTICS, RED, STEELS, WHITE, Model, Palette, Stretch
 from pipeline.contrib.toy_objects.pictures import home_screen, liquid_crystal, textured, write
 from pipeline.contrib.toy_objects.solids import Color, Material, box, column, rod
 
@@ -90,7 +89,7 @@ class Leaf:
 class Cellphone(Model):
     """Cellphones: smartphone, bar, brick, flip (open and closed), slider, keyboard phone, organiser. Millimetres, the front faces -y."""
 
-    proportions = (("x", -inf, inf, 0.9, 1.1), ("y", -inf, inf, 0.8, 1.25), ("z", -inf, inf, 0.92, 1.08))
+    proportions = (Stretch("x", 0.9, 1.1), Stretch("y", 0.8, 1.25), Stretch("z", 0.92, 1.08))
 
     def smartphone(self) -> None:
         """Model a slab of glass with icons; a home key, or a notch or punch hole; a camera bump behind."""

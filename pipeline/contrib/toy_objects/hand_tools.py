@@ -1,10 +1,8 @@
 """Models of hammers and screwdrivers."""
 
-from math import inf
-
 import numpy as np
 
-from pipeline.contrib.toy_objects.model import BLACK, GOLD, PLASTICS, RED, STEELS, WOODS, Model, Palette
+from pipeline.contrib.toy_objects.model import BLACK, GOLD, PLASTICS, RED, STEELS, WOODS, Model, Palette, Stretch
 from pipeline.contrib.toy_objects.solids import Solid, ball, bar, box, coil, column, lathe, rod, smooth, sweep
 
 IRON: Palette = (*STEELS, (70, 74, 80), (44, 46, 50))
@@ -24,7 +22,7 @@ class Hammer(Model):
     Millimetres, the shaft along x, the head at +x.
     """
 
-    proportions = (("x", -inf, -20, 0.85, 1.2), ("y", -inf, inf, 0.88, 1.12), ("z", -inf, inf, 0.86, 1.16))
+    proportions = (Stretch("x", 0.85, 1.2, end=-20), Stretch("y", 0.88, 1.12), Stretch("z", 0.86, 1.16))
 
     def shaft(self, length: float, width: float = 26.0) -> None:
         """Add a shaft from x = -length to the head: turned wood, or a tube with a rubber grip."""
@@ -144,7 +142,7 @@ class Screwdriver(Model):
     Millimetres, along x with the tip at +x; the shank begins at x = 0.
     """
 
-    proportions = (("x", 0, inf, 0.8, 1.2), ("x", -inf, 0, 0.9, 1.12), ("yz", -inf, inf, 0.88, 1.12))
+    proportions = (Stretch("x", 0.8, 1.2, start=0), Stretch("x", 0.9, 1.12, end=0), Stretch("yz", 0.88, 1.12))
 
     def grip(self, length: float, radius: float) -> None:
         """Add a handle from x = -length to 0: fluted plastic with a cap and a collar, or turned, with a ferrule."""

@@ -1,11 +1,10 @@
 """Models of knifes."""
 
 from collections.abc import Sequence
-from math import inf
 
 import numpy as np
 
-from pipeline.contrib.toy_objects.model import BLACK, GOLD, PLASTICS, STEELS, WOODS, Model, Palette
+from pipeline.contrib.toy_objects.model import BLACK, GOLD, PLASTICS, STEELS, WOODS, Model, Palette, Stretch
 from pipeline.contrib.toy_objects.solids import Rows, Solid, ball, bar, box, loft, rod, smooth, sweep
 
 BLADES: Palette = (*STEELS, *STEELS, (76, 78, 82))
@@ -19,7 +18,7 @@ class Knife(Model):
     shares of a blade's length and height, a handle rows (x, bottom z, top z, width).
     """
 
-    proportions = (("x", 0, inf, 0.8, 1.2), ("x", -inf, 0, 0.9, 1.12), ("yz", -inf, inf, 0.88, 1.12))
+    proportions = (Stretch("x", 0.8, 1.2, start=0), Stretch("x", 0.9, 1.12, end=0), Stretch("yz", 0.88, 1.12))
 
     def blade(
         self,

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, ClassVar, TypeVar
+from math import inf
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -20,6 +21,16 @@ GLAZES: Palette = (*PLASTICS, WHITE, WHITE, (70, 90, 120), (120, 60, 44), (190, 
 STEELS: Palette = ((206, 210, 214), (184, 190, 196), (222, 222, 220), (150, 156, 162))
 
 
+class Stretch(NamedTuple):
+    """A stretch of a finished model between two positions, by a factor from a range."""
+
+    axes: str
+    low: float
+    high: float
+    start: float = -inf
+    end: float = inf
+
+
 class Model:
     """An object in the making: the generator that all of it is drawn from, and its solids in millimetres.
 
@@ -27,8 +38,7 @@ class Model:
     """
 
     kinds: ClassVar[tuple[Callable[[Any], None], ...]]
-    proportions: ClassVar[tuple[tuple[str, float, float, float, float], ...]]
-    """What is stretched at the end: axes, start and end, see `stretch`, and the range of the factor."""
+    proportions: ClassVar[tuple[Stretch, ...]]
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng, self.uniform = rng, rng.uniform

@@ -1,11 +1,10 @@
 """Models of boxes and cans."""
 
 from collections.abc import Sequence
-from math import inf
 
 import numpy as np
 
-from pipeline.contrib.toy_objects.model import BLACK, GOLD, PLASTICS, RED, STEELS, WHITE, WOODS, Model, Palette
+from pipeline.contrib.toy_objects.model import BLACK, GOLD, PLASTICS, RED, STEELS, WHITE, WOODS, Model, Palette, Stretch
 from pipeline.contrib.toy_objects.pictures import label
 from pipeline.contrib.toy_objects.solids import Array, Rows, Solid, ball, block, bow, box, column, lathe, rod, sweep, vessel
 
@@ -18,7 +17,7 @@ class Box(Model):
     Millimetres, standing on z = 0, the front faces -y.
     """
 
-    proportions = (("x", -inf, inf, 0.88, 1.14), ("y", -inf, inf, 0.88, 1.14), ("z", -inf, inf, 0.86, 1.16))
+    proportions = (Stretch("x", 0.88, 1.14), Stretch("y", 0.88, 1.14), Stretch("z", 0.86, 1.16))
 
     def standing(self, size: Sequence[float] | Array, exponent: float = 14.0, bevel: float = 1.0, *, printed: bool = True) -> Solid:
         """Make a box that stands on z = 0, with sides (x, y, z); a label covers its front if it is printed."""
@@ -154,7 +153,7 @@ TINS = (*STEELS, GOLD, (228, 226, 218))
 class Can(Model):
     """Cans and jars: drinks, food, fish, spray, paint, jar, tea caddy, battery, candle, watering can. Millimetres, standing on z = 0."""
 
-    proportions = (("xy", -inf, inf, 0.86, 1.16), ("z", -inf, inf, 0.86, 1.16))
+    proportions = (Stretch("xy", 0.86, 1.16), Stretch("z", 0.86, 1.16))
 
     def labelled(self, rows: Rows, low: float, high: float, size: Sequence[float]) -> Solid:
         """Loft a can around z, with a label all around between two heights; `size` is its half width, half depth, and exponent there."""

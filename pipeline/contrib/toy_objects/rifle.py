@@ -1,10 +1,8 @@
 """Models of rifles."""
 
-from math import inf
-
 import numpy as np
 
-from pipeline.contrib.toy_objects.model import BLACK, GOLD, STEELS, WOODS, Model, Palette
+from pipeline.contrib.toy_objects.model import BLACK, GOLD, STEELS, WOODS, Model, Palette, Stretch
 from pipeline.contrib.toy_objects.solids import Material, Solid, ball, bar, block, column, rod, sweep
 
 BLUED: Palette = ((46, 48, 54), (62, 64, 70), (34, 34, 38), (84, 86, 90), (150, 152, 156))
@@ -23,7 +21,7 @@ class Rifle(Model):
     Millimetres; the bore lies along x at y = z = 0, the muzzle at +x. Bars have rows (x, low z, high z, width).
     """
 
-    proportions = (("x", 150, inf, 0.75, 1.3), ("x", -inf, -225, 0.88, 1.12), ("z", -inf, inf, 0.92, 1.08))
+    proportions = (Stretch("x", 0.75, 1.3, start=150), Stretch("x", 0.88, 1.12, end=-225), Stretch("z", 0.92, 1.08))
 
     def __init__(self, rng: np.random.Generator) -> None:
         super().__init__(rng)

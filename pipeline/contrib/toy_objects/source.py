@@ -84,6 +84,6 @@ def generate(
     number = int(rng.integers(len(maker.kinds))) if kind is None else kind % len(maker.kinds)
     model = maker(rng)
     maker.kinds[number](model)
-    for axes, start, end, low, high in maker.proportions:
+    for axes, low, high, start, end in maker.proportions:
         model.stretch(axes, start, end, rng.uniform(low, high))
     return model.mesh()

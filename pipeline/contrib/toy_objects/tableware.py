@@ -1,18 +1,17 @@
 """Models of bowls and mugs."""
 
 from collections.abc import Sequence
-from math import inf
 
 import numpy as np
 
-from pipeline.contrib.toy_objects.model import BLACK, GLAZES, GOLD, PLASTICS, STEELS, WHITE, WOODS, Model
+from pipeline.contrib.toy_objects.model import BLACK, GLAZES, GOLD, PLASTICS, STEELS, WHITE, WOODS, Model, Stretch
 from pipeline.contrib.toy_objects.solids import Material, Rows, Solid, ball, bar, bow, column, lathe, rod, sweep, vessel
 
 
 class Bowl(Model):
     """Bowls (cereal, soup, mixing, footed, for pets), plates, cake moulds, mortars, pans and baskets. Millimetres, standing on z = 0."""
 
-    proportions = (("xy", -inf, inf, 0.88, 1.12), ("z", -inf, inf, 0.84, 1.2))
+    proportions = (Stretch("xy", 0.88, 1.12), Stretch("z", 0.84, 1.2))
 
     def dish(self, rows: Rows, *, wall: float = 4.0, floor: float = 8.0, edge: float = 0.0) -> Material:
         """Add a dish, its inside perhaps of another colour, its outside from the share `edge` of its height too; return the outside's."""
@@ -120,7 +119,7 @@ class Mug(Model):
     Millimetres, standing on z = 0, the handle at +x, turned a little towards the front at -y.
     """
 
-    proportions = (("xy", -inf, inf, 0.86, 1.16), ("z", -inf, inf, 0.86, 1.14))
+    proportions = (Stretch("xy", 0.86, 1.16), Stretch("z", 0.86, 1.14))
 
     def handle(self, rows: Rows, low: float, high: float, reach: float, thick: float = 11.0) -> Solid:
         """Bend a handle, round or angular, between two heights of a wall with these rows; turned about z."""

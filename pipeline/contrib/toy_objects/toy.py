@@ -1,10 +1,8 @@
 """Models of toys."""
 
-from math import inf
-
 import numpy as np
 
-from pipeline.contrib.toy_objects.model import BLACK, GOLD, PLASTICS, RED, STEELS, WHITE, WOODS, Model, Palette
+from pipeline.contrib.toy_objects.model import BLACK, GOLD, PLASTICS, RED, STEELS, WHITE, WOODS, Model, Palette, Stretch
 from pipeline.contrib.toy_objects.solids import Solid, ball, bar, block, box, column, lathe, rod, smooth, sweep
 
 COLOURS: Palette = (*PLASTICS, RED, GOLD, (120, 80, 160), (60, 150, 160))
@@ -17,7 +15,7 @@ class Toy(Model):
     Millimetres, standing on z = 0, the front faces -y; vehicles lie along x.
     """
 
-    proportions = (("x", -inf, inf, 0.85, 1.18), ("y", -inf, inf, 0.85, 1.18), ("z", -inf, inf, 0.85, 1.18))
+    proportions = (Stretch("x", 0.85, 1.18), Stretch("y", 0.85, 1.18), Stretch("z", 0.85, 1.18))
 
     def doll(self) -> None:
         """Model a figure with head, body, arms and legs, as a teddy or a doll; ears on some."""

@@ -39,10 +39,6 @@ def fit_charts(
     options: FitOptions | None = None,
 ) -> ChartFits:
     """Fit a chart to each cloud: Adam on its vertices, from the sensor's square, down the Chamfer distance of its samples."""
-    if len(clouds) != len(generators):
-        raise ValueError(f"{len(clouds)} clouds, {len(generators)} generators: there must be one per cloud")
-    if not 0 < width < np.inf:
-        raise ValueError(f"sensor width {width} m: it must be positive and finite")
     options = options or FitOptions()
     square, faces = (tensor.numpy() for tensor in chart_square(options.side, aspect))
     fits = ChartFits(

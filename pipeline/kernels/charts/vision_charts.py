@@ -42,8 +42,6 @@ class VisionCharts:
 @lru_cache(maxsize=8)
 def vision_charts(splits: int = 1) -> VisionCharts:  # kept in memory and shared by all callers
     """Make the 24 · 4^splits vision charts around the unit sphere; one split gives the supplement's 96 charts of 1824 vertices."""
-    if not 0 <= splits <= MAX_SPLITS:
-        raise ValueError(f"splits is {splits}, but a sphere of charts can be split 0 to {MAX_SPLITS} times")
     sphere, triangles = _tetrakis_hexahedron()
     for _ in range(splits):
         triangles = [smaller for triangle in triangles for smaller in _split(triangle, sphere)]

@@ -140,11 +140,9 @@ def closed_surface(
         vertices = smooth_mesh(vertices, faces, INPUT_SMOOTHING_ROUNDS)
     closed, sides = wrap_surface(vertices, faces, spacing)
     closed = smooth_mesh(closed, sides, WRAP_SMOOTHING_ROUNDS)
-    normals = np.zeros(charts.shape)
-    for number, chart in enumerate(charts):
-        normals[number] = -vertex_normals(chart, chart_faces)
     points = charts.reshape(-1, 3).astype(np.float64)
-    return attach_points(closed, sides, points, normals.reshape(-1, 3), spacing=spacing, tolerance=TOLERANCE)
+    normals = -np.array([vertex_normals(chart, chart_faces) for chart in charts]).reshape(-1, 3)
+    return attach_points(closed, sides, points, normals, spacing=spacing, tolerance=TOLERANCE)
 
 
 def attach_points(
@@ -174,9 +172,8 @@ def attach_points(
             is_long = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1) > 1.5 * spacing / REFINEMENT
             is_near = scipy.spatial.cKDTree(closest).query(vertices[ends].mean(axis=1))[0] < spacing
             vertices, faces = split_edges(vertices, faces, is_long & is_near)
-        vertices = _displace_vertices(
-            vertices, faces, points, *_nearest_facing_points(vertices, faces, points, normals, spacing), spacing, coarse=not number
-        )
+        nearest = _nearest_facing_points(vertices, faces, points, normals, spacing)
+        vertices = _displace_vertices(vertices, faces, points, *nearest, spacing, coarse=not number)
     return _insert_points(vertices, faces, points, tolerance)
 
 
@@ -215,9 +212,8 @@ def _displace_vertices(
     constraints = scipy.sparse.csr_array((weights.ravel(), (rows, faces[face].ravel())), shape=(len(points), len(vertices)))[:, movable]
     laplacian = neighbour_means(faces, len(vertices)) - scipy.sparse.eye_array(len(vertices), format="csr")
     bending = laplacian[:, movable]
-    system = (
-        constraints.T @ constraints + STIFFNESS * bending.T @ bending + 1e-9 * scipy.sparse.eye_array(bending.shape[1])
-    )  # where nothing holds a part
+    unheld = 1e-9 * scipy.sparse.eye_array(bending.shape[1])  # for parts that nothing holds
+    system = constraints.T @ constraints + STIFFNESS * bending.T @ bending + unheld
     displaced = vertices.copy()
     shape = 0 if coarse else STIFFNESS * bending.T @ (laplacian @ vertices)
     displaced[movable] += scipy.sparse.linalg.splu(system.tocsc()).solve(constraints.T @ offset - shape)

@@ -86,11 +86,9 @@ def closure_margin(
     """
     if len(contacts) < 2 or friction <= 0:
         return 0.0
-    by_contact = np.empty((len(contacts), len(OCTAGON) + 2, 6))
-    for contact, rows in zip(contacts, by_contact, strict=True):
-        arm, radius = contact.point - contacts[0].point, np.sqrt(contact.area / np.pi)
-        contact_wrenches(arm, contact.normal, OCTAGON, friction, radius, size, rows)
-    wrenches = by_contact.reshape(-1, 6)  # (m, 6)
+    points, normals = (np.array(vectors) for vectors in zip(*((contact.point, contact.normal) for contact in contacts), strict=True))
+    radii = np.sqrt(np.array([contact.area for contact in contacts]) / np.pi)
+    wrenches = contact_wrenches(points - points[0], normals, radii, OCTAGON, friction, size)  # (m, 6)
     spread = np.linalg.svd(wrenches, compute_uv=False)
     if spread[-1] < 1e-6 * spread[0]:
         return 0.0

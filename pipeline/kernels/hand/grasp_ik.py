@@ -83,7 +83,8 @@ def blocked_fingers(hand: Hand, boxes: CollisionBoxes, postures: PostureSamples,
     """
     rows, fingers, free = even_rows(len(postures.free)), hand.fingers, postures.free
     conflicts = finger_conflicts(hand, boxes, postures.frames[rows], gap)
-    blocks = [  # what is blocked, the fingers on which overlaps that block it lie (-1 is the palm), what else is in the way
+    # what is blocked; the fingers on which overlaps that block it lie, -1 for the palm; what else may be in the way
+    blocks: list[tuple[str, tuple[set[int], ...], str]] = [
         (f"{fingers[number].name}: {free[:, number].sum()} of {len(free)} postures", ({number}, {number, -1}), "the palm and its own links")
         for number in np.flatnonzero(~free[rows].any(axis=0)).tolist()
     ]

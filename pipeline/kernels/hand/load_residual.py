@@ -40,7 +40,8 @@ def load_residual(
     It is the root mean square, over six directions, of the force and moment (divided by `LEVER`) that remain, as a share of the weight.
     Least squares over forces within the friction cones: the pyramids' edges and the moments of a soft finger, each 0 to `MAX_FORCE`.
     """
-    columns = _columns(points, normals, touching, friction)
+    radii = np.full(len(points), CONTACT_RADIUS)
+    columns = contact_wrenches(points[touching], normals[touching], radii, HEXAGON, friction, LEVER)
     squared = 0.0
     for axis in range(3):
         for sign in (1.0, -1.0):
@@ -71,47 +72,38 @@ def best_supporting_grasp(
 
 
 @compiled
-def _columns(points: Array, normals: Array, touching: Mask, friction: float) -> Array:  # (M, 6) wrenches of contacts that exist
-    columns = np.empty((len(points) * (len(HEXAGON) + 2), 6))
-    count = 0
-    for c in range(len(points)):
-        if touching[c]:
-            wrenches = columns[count : count + len(HEXAGON) + 2]
-            contact_wrenches(points[c], normals[c], HEXAGON, friction, CONTACT_RADIUS, LEVER, wrenches)
-            count += len(HEXAGON) + 2
-    return columns[:count]
-
-
-@compiled
 def contact_wrenches(
-    point: Array,  # (3,) of the contact, from the origin of moments, m
-    normal: Array,  # (3,) unit, into the object
-    directions: Array,  # (E, 2) unit vectors to the edges of the pyramid that approximates the friction cone
+    points: Array,  # (C, 3) of contacts, from the origin of moments, m
+    normals: Array,  # (C, 3) unit, into the object
+    radii: Array,  # (C,) of contacts, which resist turning about their normals, m
+    directions: Array,  # (E, 2) unit vectors to the edges of the pyramid that approximates a friction cone
     friction: float,
-    radius: float,  # of the contact, which resists turning about its normal, m
     lever: float,  # by which moments are divided so that they count like forces, m
-    wrenches: Array,  # (E + 2, 6) filled: force and moment
-) -> None:
-    """Fill the wrenches of a soft finger with normal force 1: forces on its cone, and moments about its normal."""
-    thin = 0
-    for k in range(1, 3):
-        if abs(normal[k]) < abs(normal[thin]):
-            thin = k
-    across = np.zeros(3)
-    across[thin] = 1.0
-    along = _cross(normal, across)
-    along /= np.sqrt(along[0] ** 2 + along[1] ** 2 + along[2] ** 2)
-    across = _cross(along, normal)
-    twist = 2 / 3 * friction * radius / lever
+) -> Array:  # (C (E + 2), 6) force and moment
+    """Compute the wrenches of soft fingers, each with normal force 1: forces on its cone, and moments about its normal."""
     edges = len(directions)
-    for edge in range(edges + 2):
-        force = normal.copy()
-        if edge < edges:
-            force += friction * (directions[edge, 0] * along + directions[edge, 1] * across)
-        wrenches[edge, :3] = force
-        wrenches[edge, 3:] = _cross(point, force) / lever
-    wrenches[edges, 3:] += twist * normal
-    wrenches[edges + 1, 3:] -= twist * normal
+    wrenches = np.empty((len(points) * (edges + 2), 6))
+    for c in range(len(points)):
+        normal, own = normals[c], wrenches[c * (edges + 2) : (c + 1) * (edges + 2)]
+        thin = 0
+        for k in range(1, 3):
+            if abs(normal[k]) < abs(normal[thin]):
+                thin = k
+        across = np.zeros(3)
+        across[thin] = 1.0
+        along = _cross(normal, across)
+        along /= np.sqrt(along[0] ** 2 + along[1] ** 2 + along[2] ** 2)
+        across = _cross(along, normal)
+        for edge in range(edges + 2):
+            force = normal.copy()
+            if edge < edges:
+                force += friction * (directions[edge, 0] * along + directions[edge, 1] * across)
+            own[edge, :3] = force
+            own[edge, 3:] = _cross(points[c], force) / lever
+        twist = 2 / 3 * friction * radii[c] / lever
+        own[edges, 3:] += twist * normal
+        own[edges + 1, 3:] -= twist * normal
+    return wrenches
 
 
 @compiled

@@ -115,13 +115,7 @@ def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: Array) -> float:
 
 def fingers_clear_of_palm(hand: Hand, boxes: CollisionBoxes, frames: Array, gap: float) -> Mask:  # (N, F)
     """Find the fingers that keep a gap from their own links and from those that no finger moves, by link frames (N, L, 4, 4), m."""
-    first, second = _pairs(hand, boxes)
-    owner = hand.link_fingers[boxes.link]
-    checked = (owner[first] == owner[second]) | (np.minimum(owner[first], owner[second]) < 0)
-    first, second = first[checked], second[checked]
-    too_near = box_gaps(world_boxes(boxes, frames), boxes.half, first, second, gap) < gap  # (N, pairs)
-    finger = np.maximum(owner[first], owner[second])  # a link that no finger moves has -1, and may come after those of fingers
-    return np.stack([~too_near[:, finger == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
+    return np.stack([fingers_apart(hand, boxes, frames, [finger], gap) for finger in range(len(hand.fingers))], axis=1)
 
 
 def fingers_apart(hand: Hand, boxes: CollisionBoxes, frames: Array, fingers: Sequence[int], gap: float) -> Mask:  # (N,)
@@ -255,9 +249,7 @@ def _are_neighbours(hand: Hand, first: int, second: int) -> bool:
     bodies = rigid_bodies(hand)
     body = bodies[second]
     for _ in range(MAX_NEIGHBOUR_JOINTS):
-        if body == 0:
-            return False
-        body = bodies[hand.joints[body - 1].parent]  # joint i moves link i + 1
+        body = bodies[hand.joints[body - 1].parent] if body > 0 else -1  # joint i moves link i + 1
         if body == bodies[first]:
             return True
     return False

@@ -43,8 +43,6 @@ class CloudDistances:
 
     def precision_recall(self, tau: float, scale: float = 1.0) -> tuple[float, float]:
         """Compute the shares of predicted and of true points whose squared distance from the other cloud, scaled, is at most `tau`."""
-        if not (tau >= 0 and 0 < scale < np.inf):
-            raise ValueError(f"squared distance {tau}, scale {scale}: the distance is at least 0, the scale above it and finite")
         precision, recall = (float(np.mean(squared * scale**2 <= tau)) for squared in (self.predicted, self.truth))
         return precision, recall
 
@@ -93,8 +91,6 @@ def sampled_area(
     surface that are nearer than neighbouring points count once, as `sampling_floor` needs; with them, both count.
     """
     points = checked_cloud("points", points)
-    if len(points) < 2:
-        raise ValueError(f"{len(points)} points are too few to estimate an area; give at least 2")
     distances, neighbours = scipy.spatial.cKDTree(points).query(
         points, k=2 if normals is None else [*range(2, 2 + min(MAX_NEIGHBOURS, len(points) - 1))]
     )
@@ -125,8 +121,6 @@ def ring_indices(points: Floats, pose: Array, width: float, rings: int = 5) -> N
     """
     check_shape("points", points, "N", 3)
     check_shape("pose", pose, 4, 4)
-    if not 0 < width < np.inf or rings < 1:
-        raise ValueError(f"{rings} rings of a sensor {width} m wide: both must be above 0 and finite")
     if not (np.isfinite(points).all() and np.isfinite(pose).all()):
         raise InvalidInput("points or pose hold NaN or infinity: that lies in no ring, but is not outside either")
     local = (np.asarray(points, np.float64) - pose[:3, 3]) @ pose[:3, :3]  # (N, 3) sensor frame
@@ -138,10 +132,6 @@ def ring_indices(points: Floats, pose: Array, width: float, rings: int = 5) -> N
 
 def ring_means(squared: Array, ring: NDArray[np.int64], rings: int = 5) -> tuple[Array, NDArray[np.int64]]:  # (rings,) each
     """Compute the mean squared distance per ring, m², of points (N,), and the number of its points; of none, the mean is 0."""
-    if squared.shape != ring.shape or squared.ndim != 1:
-        raise ValueError(f"squared distances {squared.shape} and rings {ring.shape}: they must be (number,) and the same")
-    if len(ring) and not (ring.min() >= -1 and ring.max() < rings):
-        raise ValueError(f"rings reach from {ring.min()} to {ring.max()}: there are rings 0 to {rings - 1}, and -1 for none")
     inside = ring >= 0
     if not np.isfinite(squared[inside]).all():
         raise InvalidInput(f"squared distances hold NaN or infinity in {np.count_nonzero(~np.isfinite(squared[inside]))} points of a ring")

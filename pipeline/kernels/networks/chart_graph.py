@@ -18,7 +18,6 @@ from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.charts.vision_charts import VisionCharts
 from pipeline.kernels.geometry.mesh import directed_edges
 from pipeline.kernels.networks.network_configurations import TouchEdges
-from pipeline.kernels.tensors import check_full_precision
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +90,6 @@ def chart_graph(
     touch_edges: TouchEdges = "centres",  # which vision vertices touch charts are joined to; see `NetworkConfig`
 ) -> ChartGraph:
     """Build the graph of a batch: of N vertices, vision charts before touch charts in each item."""
-    if not counts or min(counts) < 0:
-        raise ValueError(f"counts is {list(counts)}; a batch needs one item at least, each with 0 or more touch charts")
-    check_full_precision("an adjacency", like)
     mutual = touch_edges == "centres"
     items = [_item_adjacency(charts, side, count, mutual=mutual) for count in counts]
     matrix = scipy.sparse.block_diag(items, format="csr")
@@ -148,9 +144,6 @@ class ZeroNeighbourLayer(nn.Module):
 
     def forward(self, features: Tensor, graph: ChartGraph) -> Tensor:  # (N, out_features)
         """Compute the layer's output from features (N, in_features); values that are not finite spread to the neighbours."""
-        expected = sum(graph.sizes), self.linear.in_features
-        if tuple(features.shape) != expected:
-            raise ValueError(f"features are {tuple(features.shape)}; graph and layer take {expected}: vertices, features")
         weight, bias = self.linear.weight, self.linear.bias
         unmixed = linear(features, weight[self.mixed :], bias[self.mixed :])
         averaged = linear(features, weight[: self.mixed], bias[: self.mixed])

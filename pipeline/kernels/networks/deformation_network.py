@@ -1,18 +1,16 @@
 """The network that deforms vision charts around touch charts: image encoder, perceptual pooling, graph network (Tables 6-11)."""
 
 from collections.abc import Sequence
-from functools import partial
 
 import torch
 from torch import Tensor, nn
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.arrays import check_shape
 from pipeline.kernels.charts.vision_charts import vision_charts
-from pipeline.kernels.networks.chart_graph import ChartGraph, GraphConvolutionNetwork, chart_graph
+from pipeline.kernels.networks.chart_graph import GraphConvolutionNetwork, chart_graph
 from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, pool_features, project_to_pixels
 from pipeline.kernels.networks.network_configurations import NetworkConfig
-from pipeline.kernels.tensors import COLOURS, check_full_precision, draw_weights
+from pipeline.kernels.tensors import draw_weights
 
 VISION, TOUCHED, NOT_TOUCHED = 0.0, 1.0, -1.0  # mask feature: vision chart, chart of a successful touch, other touch chart
 INITIAL_OUTPUT_SCALE = 0.1  # of the last layer's initial weights: first displacements are small against the sphere
@@ -60,38 +58,28 @@ class DeformationNetwork(nn.Module):
         In evaluation on a CPU, with initial weights, float32 is within 1 µm of float64 and bfloat16 under autocast within 10 mm; with
         instance normalisation within 10 µm and 50 mm.
         """
-        self._check(images, camera, touch_vertices, touched, counts)
+        if not bool(torch.isfinite(touch_vertices).all()):
+            raise InvalidInput("touch_vertices has values that are not finite: leave out the items they come from")
         start = torch.tensor(self.charts.vertices).to(self.gcn.last.weight)  # (V, 3) in radii from the centre
         vision = start.expand(len(counts), -1, -1)  # (B, V, 3)
         touch = (touch_vertices.to(start) - start.new_tensor(self.config.centre)) / self.config.radius  # (T, S, 3)
         graph = chart_graph(self.charts, self.config.side, counts, like=start, touch_edges=self.config.touch_edges)
         mask = torch.where(touched, TOUCHED, NOT_TOUCHED).to(start)[:, None, None].expand(*touch.shape[:2], 1)  # (T, S, 1)
-        displacements = partial(
-            self._displacements,
-            touch=touch,
-            mask=graph.join(torch.full_like(vision[..., :1], VISION), mask),
-            maps=[] if images is None or self.encoder is None else self.encoder(images.to(start.dtype)),
-            cameras=None if camera is None else camera.to(start).expand(len(counts), 3, 4),
-            graph=graph,
-        )
+        masks = graph.join(torch.full_like(vision[..., :1], VISION), mask)
+        maps = [] if images is None or self.encoder is None else self.encoder(images.to(start.dtype))
+        cameras = None if camera is None else camera.to(start).expand(len(counts), 3, 4)
         for _ in range(self.config.passes):
-            moved = displacements(vision)
+            positions = graph.join(vision, touch)  # (N, 3)
+            features = [positions, masks] if self.config.touch else [positions]
+            if cameras is not None:
+                items = enumerate(torch.split(positions, graph.sizes))
+                image_features = [self._image_features(item, [map_[i : i + 1] for map_ in maps], cameras[i]) for i, item in items]
+                features.append(torch.cat(image_features))
+            moved = graph.vision_vertices(self.gcn(torch.cat(features, dim=1), graph))  # (B, V, 3) radii
             if self.config.seams == "tied":
                 moved = self.merge_coinciding(moved)[:, self._position(moved.device)]
             vision = vision + moved
         return self._to_world(vision)
-
-    def _displacements(
-        self, vision: Tensor, *, touch: Tensor, mask: Tensor, maps: list[Tensor], cameras: Tensor | None, graph: ChartGraph
-    ) -> Tensor:
-        """Compute the displacements (B, V, 3) of the vision vertices (B, V, 3) in one pass, radii."""
-        positions = graph.join(vision, touch)  # (N, 3)
-        features = [positions, mask] if self.config.touch else [positions]
-        if cameras is not None:
-            items = enumerate(torch.split(positions, graph.sizes))
-            image_features = [self._image_features(item, [map_[i : i + 1] for map_ in maps], cameras[i]) for i, item in items]
-            features.append(torch.cat(image_features))
-        return graph.vision_vertices(self.gcn(torch.cat(features, dim=1), graph))
 
     def merge_coinciding(self, vertices: Tensor) -> Tensor:
         """Average the features (B, V, F) of coinciding vertices: (B, P, F) for the sphere's P distinct positions."""
@@ -111,22 +99,3 @@ class DeformationNetwork(nn.Module):
 
     def _to_world(self, positions: Tensor) -> Tensor:
         return positions * self.config.radius + positions.new_tensor(self.config.centre)
-
-    def _check(self, images: Tensor | None, camera: Tensor | None, touch_vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> None:
-        check_full_precision("a network with parameters", self.gcn.last.weight)
-        items, total, takes_image = len(counts), sum(counts), self.config.image is not None
-        if (images is not None) != takes_image or (camera is not None) != takes_image:
-            takes = "an image and its camera" if takes_image else "neither image nor camera"
-            raise ValueError(f"a network with image {self.config.image!r} takes {takes}")
-        if images is not None:
-            check_shape("images", images, items, COLOURS, "H", "W")
-        if any(counts) and not self.config.touch:
-            raise ValueError(f"a network without touch takes no touch charts, but counts is {list(counts)}: leave them out, with counts 0")
-        charts = (total, self.config.side**2, 3)
-        if touch_vertices.shape != charts or touched.shape != (total,) or touched.dtype != torch.bool:
-            raise ValueError(
-                f"touch_vertices are {tuple(touch_vertices.shape)} and touched {tuple(touched.shape)} {touched.dtype}, "
-                f"but counts sum to {total}: they must be {charts} and ({total},) bool"
-            )
-        if not bool(torch.isfinite(touch_vertices).all()):
-            raise InvalidInput("touch_vertices has values that are not finite: leave out the items they come from")

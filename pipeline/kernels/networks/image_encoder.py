@@ -12,7 +12,7 @@ from torch.nn import functional
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import check_shape
 from pipeline.kernels.networks.network_configurations import Norm
-from pipeline.kernels.tensors import COLOURS, check_full_precision, check_intensities
+from pipeline.kernels.tensors import COLOURS, check_intensities
 
 GROUPS = 8  # most groups of channels of a group normalisation; fewer where groups would have different sizes
 NEAREST_DEPTH = 0.01  # m, to which nearer points are moved; cameras are farther than 0.5 m from objects as networks see them
@@ -126,12 +126,6 @@ def project_to_pixels(
     far outside the image on its own side, and each coordinate and gradient is finite. In float32 a coordinate errs by at most
     1e-6 · Σ |camera| |point| / depth: 1e-3 pixels in the scene.
     """
-    if camera.shape not in {(3, 4), (len(points), 3, 4)} or points.ndim != 3 or points.shape[2] != 3:
-        shapes = f"camera is {tuple(camera.shape)} and points {tuple(points.shape)}"
-        raise ValueError(f"{shapes}: they must be (3, 4) or (B, 3, 4), and (B, N, 3)")
-    check_full_precision("points", points)
-    if camera.dtype != points.dtype:
-        raise ValueError(f"camera is {camera.dtype}, points are {points.dtype}: they must be of one type")
     for name, values in (("camera", camera), ("points", points)):
         if not bool(torch.isfinite(values).all()):
             raise InvalidInput(f"NaN or infinity in {name}: if a network moved points there, it has diverged; lower the learning rate")
@@ -154,10 +148,8 @@ def pool_features(
     A feature belongs to the centre of its receptive field, which unpadded convolutions shift against the map: maps are indexed by these
     centres, never by the ratio of widths. Gradients flow to `pixels` as well, and are zero beyond the outermost centres.
     """
-    check_shape("pixels", pixels, "B", "N", 2)
     pooled = []
     for features, grid in zip(maps, grids, strict=True):
-        check_shape("a map", features, len(pixels), "C", "H", "W")
         last = pixels.new_tensor([features.shape[3] - 1, features.shape[2] - 1])  # (2,) index of the last column and row
         index = (pixels - grid.start) / grid.jump
         normalised = 2 * index / last.clamp(min=1) - 1  # -1 and 1 are the outermost centres

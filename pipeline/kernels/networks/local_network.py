@@ -86,8 +86,6 @@ class LocalNetwork(nn.Module):
 
     def __init__(self, width: int = 20) -> None:
         super().__init__()
-        if width < 1:
-            raise ValueError(f"a local network of width {width}; it needs at least 1")
         self.width = width
         self.colours = nn.Sequential(
             *(nn.Conv2d(COLOURS + 2, width, 3, padding=1), nn.ReLU(inplace=True)),
@@ -116,24 +114,14 @@ class LocalNetwork(nn.Module):
         The integration assumes a depth of 0 at the rim, which a window does not have: the error of slopes is integrated instead, with
         `true_depth`.
         """
-        slopes = self.slopes(change, position)
+        colours = torch.cat([change / CHANGE_SCALE, position.expand(len(change), -1, -1, -1)], dim=1)
+        slopes = self.colours(colours.contiguous(memory_format=torch.channels_last))
         if true_depth is None:
             depth = integrate_slopes(slopes, pitch)
         else:
             depth = true_depth + integrate_slopes(slopes - surface_slopes(true_depth, pitch), pitch)
-        return LocalShape(slopes, depth, self.contact(depth.detach(), slopes.detach()))
-
-    def slopes(self, change: Tensor, position: Tensor) -> Tensor:  # (B, 2, H, W)
-        """Read the slopes of depth along x and y; parameters as `forward`."""
-        inputs = torch.cat([change / CHANGE_SCALE, position.expand(len(change), -1, -1, -1)], dim=1)
-        slopes: Tensor = self.colours(inputs.contiguous(memory_format=torch.channels_last))
-        return slopes
-
-    def contact(self, depth: Tensor, slopes: Tensor) -> Tensor:
-        """Find the contact, (B, H, W) logits, in (B, H, W) depth, mm, and (B, 2, H, W) slopes."""
-        inputs = torch.cat([depth[:, None], slopes, slopes.square().sum(dim=1, keepdim=True)], dim=1)
-        logits: Tensor = self.shape(inputs.contiguous(memory_format=torch.channels_last))[:, 0]
-        return logits
+        shape = torch.cat([depth[:, None], slopes, slopes.square().sum(dim=1, keepdim=True)], dim=1).detach()
+        return LocalShape(slopes, depth, self.shape(shape.contiguous(memory_format=torch.channels_last))[:, 0])
 
 
 def pixel_positions(rows: int, cols: int) -> Tensor:  # (1, 2, rows, cols) float32

@@ -7,7 +7,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from pipeline.kernels.metrics.chamfer import SearchCloud, nearest_of_pairs
+from pipeline.kernels.metrics.chamfer import SearchCloud
 
 NEAREST_POINT_FEATURES = 9  # offset, normal, height above the tangent plane, and how close the point is, at two scales
 TOUCH_FEATURES = 2 * NEAREST_POINT_FEATURES  # of the nearest point that was touched, and of the nearest known to be outside
@@ -38,44 +38,33 @@ class TouchPoints:
         """Compute features of queries (B, N, 3), radii, zeros where no point counts, and the numbers of the nearest touched points."""
         if not self.points.shape[1]:
             return queries.new_zeros(*queries.shape[:2], TOUCH_FEATURES), queries.new_zeros(queries.shape[:2], dtype=torch.int64)
-        nearest = [side.find(queries) for side in self._sides]
-        features = [self._nearest_features(queries, *pair) for pair in zip(nearest, self._sides, strict=True)]
-        return torch.cat(features, dim=2), nearest[0]
+        nearest = [self._nearest(queries, clouds) for clouds in self._clouds]
+        pairs = zip(nearest, (self.touched, self.outside), strict=True)
+        return torch.cat([self._features(queries, *pair) for pair in pairs], dim=2), nearest[0]
 
     @cached_property
-    def _sides(self) -> "tuple[NearestPoints, NearestPoints]":
-        return NearestPoints(self.points, self.touched), NearestPoints(self.points, self.outside)
+    def _clouds(self) -> list[list[tuple[Tensor, SearchCloud | None]]]:
+        """Per side, touched and outside, and item: the numbers of the points there, and their cloud."""
+        sides = [[torch.nonzero(counted)[:, 0] for counted in among] for among in (self.touched, self.outside)]
+        return [
+            [(numbers, SearchCloud(points[numbers]) if len(numbers) else None) for points, numbers in zip(self.points, side, strict=True)]
+            for side in sides
+        ]
 
-    def _nearest_features(self, queries: Tensor, nearest: Tensor, side: "NearestPoints") -> Tensor:
+    def _nearest(self, queries: Tensor, clouds: Sequence[tuple[Tensor, SearchCloud | None]]) -> Tensor:
+        nearest = queries.new_zeros(queries.shape[:2], dtype=torch.int64)
+        for item, (numbers, cloud) in enumerate(clouds):
+            if cloud is not None:
+                nearest[item] = numbers[cloud.nearest(queries[item])]
+        return nearest
+
+    def _features(self, queries: Tensor, nearest: Tensor, among: Tensor) -> Tensor:
         at = nearest[..., None].expand(-1, -1, 3)
         offset, normal = queries - self.points.gather(1, at), self.normals.gather(1, at)
         height = (offset * normal).sum(dim=2, keepdim=True)
         distance = offset.norm(dim=2, keepdim=True)
         features = torch.cat([offset, normal, height, *(torch.exp(-distance / scale) for scale in SCALES)], dim=2)
-        return features * side.among.any(dim=1)[:, None, None]
-
-
-class NearestPoints:
-    """Search for the nearest among a subset (B, P) of each item's points (B, P, 3): by k-d trees, on a GPU by comparing all pairs."""
-
-    def __init__(self, points: Tensor, among: Tensor) -> None:
-        self.points, self.among = points, among
-
-    def find(self, queries: Tensor) -> Tensor:
-        """Find the nearest to each of the queries (B, N, 3): (B, N) int64 numbers of points; any number for an item without points."""
-        if queries.device.type != "cpu":
-            return nearest_of_pairs(queries, self.points, self.among)
-        nearest = torch.zeros(queries.shape[:2], dtype=torch.int64)
-        for item, (numbers, cloud) in enumerate(self._trees):
-            if cloud is not None:
-                nearest[item] = numbers[cloud.nearest(queries[item])]
-        return nearest
-
-    @cached_property
-    def _trees(self) -> list[tuple[Tensor, SearchCloud | None]]:
-        counted = [torch.nonzero(among)[:, 0] for among in self.among]
-        clouds = zip(self.points, counted, strict=True)
-        return [(numbers, SearchCloud(points[numbers]) if len(numbers) else None) for points, numbers in clouds]
+        return features * among.any(dim=1)[:, None, None]
 
 
 def heights_above_touches(

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import WHITE, check_shape
 from pipeline.kernels.metrics.chamfer import chamfer
-from pipeline.kernels.tensors import COLOURS, check_full_precision, check_intensities
+from pipeline.kernels.tensors import COLOURS, check_intensities
 
 LEVELS = 4  # poolings on the way down, and deconvolutions on the way up
 MIN_SIDE = 2**LEVELS  # fewest pixels per side: with fewer, nothing is left after the last pooling
@@ -26,8 +26,6 @@ class UNet(nn.Module):
 
     def __init__(self, width: int = 64) -> None:
         super().__init__()
-        if width < 1:
-            raise ValueError(f"a U-Net of width {width}: the first level needs at least 1 feature; Table 5 has 64")
         self.width = width
         widths = [width * 2**level for level in range(LEVELS + 1)]
         self.down = nn.ModuleList(
@@ -46,7 +44,8 @@ class UNet(nn.Module):
         Times w they are D. In evaluation on a CPU, with initial weights, float32 errs by at most 1e-6, bfloat16 under autocast by 1e-3
         (7 µm of 6.8 mm). In training, batch normalisation refuses a single value per channel, as for one image of less than 32 pixels.
         """
-        self._check(images)
+        check_shape("images", images, "B", COLOURS, "H", "W")
+        check_intensities("images", images)
         features, skips = images, []
         for level, convolutions in enumerate(self.down):
             features = convolutions(self.pool(features) if level else features)
@@ -57,17 +56,6 @@ class UNet(nn.Module):
         with torch.autocast(features.device.type, enabled=False):  # bfloat16's 8 bits would leave steps of tens of micrometres
             logits = self.head(features.to(self.head.weight.dtype))
         return torch.sigmoid(logits[:, 0])
-
-    def _check(self, images: Tensor) -> None:
-        check_shape("images", images, "B", COLOURS, "H", "W")
-        batch, _, rows, cols = images.shape
-        if min(rows, cols) < MIN_SIDE:
-            raise InvalidInput(f"images of {rows} x {cols} pixels; {LEVELS} poolings need at least {MIN_SIDE} per side")
-        check_full_precision("a U-Net with parameters", self.head.weight)
-        check_intensities("images", images)
-        if self.training and batch * (rows // MIN_SIDE) * (cols // MIN_SIDE) < 2:
-            image = f"{batch} image of {rows} x {cols} pixels has one value per channel at the lowest level"
-            raise InvalidInput(f"{image}, which batch normalisation cannot train on; take a batch of 2 or more, or .eval()")
 
 
 def _convolution(before: int, after: int, kernel: int) -> nn.Sequential:
@@ -83,13 +71,6 @@ def contact_mask(
     threshold: float = THRESHOLD,  # in squared intensities: the quantisation to 8 bits alone exceeds 0.001 unsquared
 ) -> Tensor:  # (..., H, W) bool
     """Find the pixels that touched: those whose squared l2 difference over colour, compared as integers, exceeds the threshold."""
-    if images.ndim < 3 or untouched.ndim != 3 or images.shape[-3:] != untouched.shape or untouched.shape[-1] != COLOURS:
-        shapes = f"images of shape {tuple(images.shape)}, untouched {tuple(untouched.shape)}"
-        raise ValueError(f"{shapes}; they must be (..., H, W, 3) and (H, W, 3)")
-    if images.dtype != torch.uint8 or untouched.dtype != torch.uint8:
-        raise ValueError(f"images are {images.dtype}, untouched is {untouched.dtype}; tactile images are compared as uint8")
-    if not 0 <= threshold <= COLOURS:
-        raise ValueError(f"threshold {threshold}; it must be between 0 and {COLOURS}, the squared distance of black and white")
     difference = images.to(torch.int32) - untouched.to(torch.int32)
     return difference.square().sum(dim=-1) > math.floor(Fraction(threshold) * WHITE**2)  # a float would be rounded
 
@@ -110,7 +91,7 @@ def masked_depth_loss(
     gel: float | Tensor,  # the gel's thickness w, m, to which true depths are clamped; (H, W) where the gel is curved
 ) -> Tensor:  # a scalar in sensor widths squared; its root errs in float32 by less than 1e-6 of itself and 3e-7 (5 nm)
     """Compute the mean over touches of the mean squared depth error over their masked pixels, 0 where there are none."""
-    _check(predicted, depth, mask)
+    _check(predicted)
     error = torch.where(mask, predicted - visible_depth(depth, gel).to(predicted.dtype), 0) / width  # (B, H, W)
     touch_errors = error.square().sum(dim=(1, 2)) / mask.sum(dim=(1, 2)).clamp(min=1)
     return touch_errors.mean()
@@ -120,7 +101,7 @@ def projected_chamfer_loss(
     predicted: Tensor, depth: Tensor, mask: Tensor, *, width: float, gel: float | Tensor, aspect: float = 1.0
 ) -> Tensor:  # as `masked_depth_loss`; aspect: the sensor's height over its width
     """Compute the mean over touches of the Chamfer distance between predicted and true points of masked pixels, sensor frame."""
-    _check(predicted, depth, mask)
+    _check(predicted)
     true = visible_depth(depth, gel).to(predicted.dtype)
     total = (predicted * 0).sum()  # keeps the graph if every mask is empty
     for item in range(len(predicted)):
@@ -138,13 +119,7 @@ def _points(depth: Tensor, row: Tensor, col: Tensor, shape: torch.Size, width: f
     return torch.stack([x, y, depth / width], dim=1)
 
 
-def _check(predicted: Tensor, depth: Tensor, mask: Tensor) -> None:
-    if predicted.ndim != 3 or not (predicted.shape == depth.shape == mask.shape) or not len(predicted):
-        shapes = ", ".join(str(tuple(tensor.shape)) for tensor in (predicted, depth, mask))
-        raise ValueError(f"predicted, depth and mask have shapes {shapes}; all must be one (B, H, W) with B >= 1")
-    if mask.dtype != torch.bool or not (predicted.is_floating_point() and depth.is_floating_point()):
-        raise ValueError(f"predicted is {predicted.dtype}, depth {depth.dtype}, mask {mask.dtype}; they must be floating, floating, bool")
-    check_full_precision("predicted depth", predicted)
+def _check(predicted: Tensor) -> None:
     if count := int((~torch.isfinite(predicted)).flatten(1).any(dim=1).sum()):
         touches = f"{count} of {len(predicted)} touches"
         raise InvalidInput(f"predicted depth holds infinity or NaN in {touches}: the network has diverged; lower the learning rate")

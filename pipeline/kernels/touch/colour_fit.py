@@ -24,8 +24,7 @@ from pipeline.kernels.touch.ball_contact import (
     solve,
 )
 from pipeline.kernels.touch.calibrated_shading import polynomial_terms, powers, shade_depth
-from pipeline.kernels.touch.optics import POSITION_TERMS, Box, Calibration, Levels, Shadow
-from pipeline.kernels.touch.sensor import MM, Gel, Sensor, pixel_centres
+from pipeline.kernels.touch.sensor import MM, POSITION_TERMS, Box, Calibration, Gel, Levels, Sensor, Shadow, pixel_centres
 
 MEMBRANES = (0.0, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)  # widths of the membrane that are tried, contact radii
 THICKNESSES = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)  # of an elastic gel, contact radii; the last is nearly a half-space

@@ -55,9 +55,7 @@ def touch_success(depth: np.ndarray, sensor: Sensor) -> Mask:  # (...)
     Depth is judged in float32, as it is stored: the stored depth gives the same mask, unless quantisation moved it across the limit.
     """
     _check_numbers(depth)
-    stored = depth.astype(np.float32).astype(np.float64)
-    pressed = (stored < gel_surface(sensor) - CONTACT_MARGIN).any(axis=(-2, -1))
-    return np.asarray(pressed & (stored.min(axis=(-2, -1)) > 0))
+    return np.asarray(pressed_pixels(depth, sensor).any(axis=(-2, -1)) & (depth.astype(np.float32).min(axis=(-2, -1)) > 0))
 
 
 def _check_numbers(depth: np.ndarray) -> None:

@@ -83,14 +83,15 @@ def _half_space(shape: tuple[int, int], pitch: tuple[float, float]) -> Array:
     return np.asarray(total / np.pi, np.float64)
 
 
-class ElasticContact(NamedTuple):
-    """Hold the solution of a contact."""
+class PressedGel(NamedTuple):
+    """The surface of a gel, and where an object touches it."""
 
-    indentation: Array  # (rows, cols) m: how deep the gel's surface lies below its rest; negative where it rises
-    pressure: Array  # (rows, cols) Pa; 0 outside the contact
+    indentation: Array  # (rows, cols) m: how deep it lies below its rest; negative where it rises
+    contact: Mask  # (rows, cols) where the object touches it
+    pressure: Array | None = None  # (rows, cols) Pa, of an elastic gel, 0 outside the contact; else None
 
 
-def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> ElasticContact:
+def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> PressedGel:
     """Press a rigid object of impression D' (rows, cols), m, into a sensor's elastic gel; nothing presses outside the image.
 
     Pressure p >= 0 minimises p·Gp/2 - p·D' over the cells with D' > 0, where G is `influence`: the gel's surface Gp is nowhere above the
@@ -100,7 +101,7 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> ElasticContact:
     factor, pitch = contact_cells(sensor)
     coarse = _cell_means(pressed, factor)
     if not coarse.any():
-        return ElasticContact(np.zeros(sensor.shape), np.zeros(sensor.shape))
+        return PressedGel(np.zeros(sensor.shape), np.zeros(sensor.shape, bool), np.zeros(sensor.shape))
     thickness = sensor.layer_thickness
     if thickness < max(pitch):
         raise InvalidInput(
@@ -118,7 +119,7 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> ElasticContact:
     if factor > 1:
         indentation, pressure = _refine(indentation, factor, sensor.shape), _spread(unit_pressure, pressed > 0, factor)
     surface = np.where(pressed > 0, np.maximum(indentation, pressed), indentation)
-    return ElasticContact(surface, gel.modulus / (1 - gel.poisson**2) * pressure)
+    return PressedGel(surface, pressure > 0, gel.modulus / (1 - gel.poisson**2) * pressure)
 
 
 def contact_cells(sensor: Sensor) -> tuple[int, tuple[float, float]]:

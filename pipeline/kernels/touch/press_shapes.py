@@ -113,10 +113,6 @@ class ShapeDraw(NamedTuple):
     rng: np.random.Generator
 
 
-def _ball(x: Array, y: Array, draw: ShapeDraw) -> Array:
-    return _dome(draw.size, x**2 + y**2)
-
-
 def _ellipsoid(x: Array, y: Array, draw: ShapeDraw) -> Array:
     flatter, longer = draw.rng.uniform(0.4, 1.0, 2)
     return np.asarray(flatter * _dome(draw.size, x**2 + (y / longer) ** 2))
@@ -129,22 +125,9 @@ def _cone(x: Array, y: Array, draw: ShapeDraw) -> Array:
     return np.where(radius < draw.size, slope * (blunt - np.hypot(radius, blunt)), -np.inf)
 
 
-def _cylinder(x: Array, y: Array, draw: ShapeDraw) -> Array:
-    half = draw.rng.uniform(0.5, 4.0) * draw.size
-    return np.where(np.abs(x) < half, _dome(draw.size, y**2), -np.inf)
-
-
-def _prism(x: Array, y: Array, draw: ShapeDraw) -> Array:
-    return -draw.rng.uniform(*WALLS) * np.maximum(_outside(x, y, draw), 0)
-
-
 def _pyramid(x: Array, y: Array, draw: ShapeDraw) -> Array:
     flat = draw.rng.uniform(0.1, 0.6) * draw.size
     return -draw.rng.uniform(0.15, 1.0) * np.maximum(_outside(x, y, draw) + draw.size - flat, 0)
-
-
-def _post(x: Array, y: Array, draw: ShapeDraw) -> Array:
-    return -draw.rng.uniform(*WALLS) * np.maximum(np.hypot(x, y) - 0.7 * draw.size, 0)
 
 
 def _edge(x: Array, y: Array, draw: ShapeDraw) -> Array:
@@ -152,11 +135,6 @@ def _edge(x: Array, y: Array, draw: ShapeDraw) -> Array:
     left, right = draw.rng.uniform(0.15, 1.5, 2)
     blunt, half = draw.rng.uniform(0.01, 0.2) * draw.size, draw.rng.uniform(0.5, 4.0) * draw.size
     return np.where(np.abs(x) < half, -np.where(y < 0, left, right) * (np.hypot(y, blunt) - blunt), -np.inf)
-
-
-def _ring(x: Array, y: Array, draw: ShapeDraw) -> Array:
-    thick = draw.rng.uniform(0.1, 0.45) * draw.size
-    return _dome(thick, (np.hypot(x, y) - draw.size) ** 2)
 
 
 def _bumps(x: Array, y: Array, draw: ShapeDraw) -> Array:
@@ -208,8 +186,20 @@ def _outside(x: Array, y: Array, draw: ShapeDraw) -> Array:
     return np.asarray(np.max(sides, axis=0))
 
 
-_MAKERS = (_ball, _ellipsoid, _cone, _cylinder, _prism, _pyramid, _post, _edge, _ring, _bumps, _stairs, _relief)
-SHAPES: Mapping[str, Callable[[Array, Array, ShapeDraw], Array]] = {maker.__name__[1:]: maker for maker in _MAKERS}
+SHAPES: Mapping[str, Callable[[Array, Array, ShapeDraw], Array]] = {
+    "ball": lambda x, y, draw: _dome(draw.size, x**2 + y**2),
+    "ellipsoid": _ellipsoid,
+    "cone": _cone,
+    "cylinder": lambda x, y, draw: np.where(np.abs(x) < draw.rng.uniform(0.5, 4.0) * draw.size, _dome(draw.size, y**2), -np.inf),
+    "prism": lambda x, y, draw: -draw.rng.uniform(*WALLS) * np.maximum(_outside(x, y, draw), 0),
+    "pyramid": _pyramid,
+    "post": lambda x, y, draw: -draw.rng.uniform(*WALLS) * np.maximum(np.hypot(x, y) - 0.7 * draw.size, 0),
+    "edge": _edge,
+    "ring": lambda x, y, draw: _dome(draw.rng.uniform(0.1, 0.45) * draw.size, (np.hypot(x, y) - draw.size) ** 2),
+    "bumps": _bumps,
+    "stairs": _stairs,
+    "relief": _relief,
+}
 """The shapes of random presses by name: each makes a relief (rows, cols), m, from the positions of pixels in its own frame, m."""
 
 

@@ -1,14 +1,13 @@
 """The gel that an object is pressed into: elastic, or with a membrane that the contact pulls in, less with distance."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.kernels.arrays import Array, Mask
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.touch.depth_maps import impression
-from pipeline.kernels.touch.elastic_contact import press_elastic
+from pipeline.kernels.touch.elastic_contact import PressedGel, press_elastic
 from pipeline.kernels.touch.sensor import Sensor
 
 PASSES = 2  # passes of the exponential filter along each axis: with two its response is nearly round
@@ -20,34 +19,16 @@ def membrane_indentation(pressed: Array, sigma: tuple[float, float]) -> Array:  
     Smoothing, of a standard deviation along y and x, pixels, is a recursive two-sided exponential filter, `PASSES` times along each axis;
     the gel is flat beyond the image.
     """
-    smooth = np.ascontiguousarray(pressed).copy()
-    decays = [math.exp(-math.sqrt(2 * PASSES) / pixels) for pixels in sigma]
-    for _ in range(PASSES):
-        _smooth_along_rows(smooth, decays[1])
-        _smooth_along_columns(smooth, decays[0])
-    return np.maximum(pressed, smooth)
+    decay_y, decay_x = (math.exp(-math.sqrt(2 * PASSES) / pixels) for pixels in sigma)
+    smooth = pressed.T.copy()
+    for decay in (decay_x, decay_y) * PASSES:
+        _smooth_columns(smooth, decay)
+        smooth = np.ascontiguousarray(smooth.T)
+    return np.maximum(pressed, smooth.T)
 
 
 @compiled
-def _smooth_along_rows(image: Array, decay: float) -> None:
-    rows, cols = image.shape
-    gain = (1 - decay) / (1 + decay)
-    forward = np.empty(cols)
-    for row in range(rows):
-        line, carried = image[row], 0.0
-        for col in range(cols):
-            carried = line[col] + decay * carried
-            forward[col] = carried
-        carried = 0.0
-        for back in range(cols):
-            col = cols - 1 - back
-            ahead = decay * carried
-            carried = line[col] + ahead
-            line[col] = gain * (forward[col] + ahead)
-
-
-@compiled
-def _smooth_along_columns(image: Array, decay: float) -> None:
+def _smooth_columns(image: Array, decay: float) -> None:
     rows, cols = image.shape
     gain = (1 - decay) / (1 + decay)
     forward, carried = np.empty((rows, cols)), np.zeros(cols)
@@ -65,14 +46,6 @@ def _smooth_along_columns(image: Array, decay: float) -> None:
             line[col] = gain * (into[col] + ahead)
 
 
-class PressedGel(NamedTuple):
-    """The surface of a gel, and where an object touches it."""
-
-    indentation: Array  # (rows, cols) m: how deep it lies below its rest; negative where it rises
-    contact: Mask  # (rows, cols) where the object touches it
-    pressure: Array | None = None  # (rows, cols) Pa, of an elastic gel; else None
-
-
 def press_gel(depth: np.ndarray, sensor: Sensor) -> PressedGel:
     """Compute the state of a gel under an object at a depth D (rows, cols), m; without layer or membrane it gives way only there."""
     return gel_under(impression(depth, sensor), sensor)
@@ -81,8 +54,7 @@ def press_gel(depth: np.ndarray, sensor: Sensor) -> PressedGel:
 def gel_under(pressed: Array, sensor: Sensor) -> PressedGel:
     """Compute the state of a gel under an impression (rows, cols), m; otherwise as `press_gel`."""
     if sensor.gel is not None:
-        indentation, pressure = press_elastic(pressed, sensor, sensor.gel)
-        return PressedGel(indentation, pressure > 0, pressure)
+        return press_elastic(pressed, sensor, sensor.gel)
     indentation = pressed
     if sensor.membrane > 0 and pressed.any():
         indentation = membrane_indentation(pressed, (sensor.membrane / sensor.pitch[0], sensor.membrane / sensor.pitch[1]))

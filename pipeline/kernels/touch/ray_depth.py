@@ -158,8 +158,6 @@ def trace_spheres(
     A hit is settled when the face at which the ray stops lies across the ray, at most `tolerance` ahead; a miss when the ray has passed
     every face or the range.
     """
-    if not tolerance > 0 or max_steps < 1:
-        raise ValueError(f"sphere tracing needs tolerance > 0 and max_steps >= 1, not {tolerance} and {max_steps}")
     depth = np.full(sensor.rows * sensor.cols, np.inf)
     settled = np.ones(len(depth), bool)
     if local.shape[2] == 0:

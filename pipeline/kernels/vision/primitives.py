@@ -110,6 +110,10 @@ def _primitive(mesh: Mesh, normals: Array, faces: Indices, color: list[int], tex
     key = (vertex.astype(np.int64) << 33) | (steps[:, 0] << 22) | (steps[:, 1] << 11) | steps[:, 2]
     _, first, entry = np.unique(key, return_index=True, return_inverse=True)
     corner = entry.reshape(-1, 3)
+    colors = None
+    if mesh.look.vertex_color is not None:
+        colors = (mesh.look.vertex_color[vertex[first]] / 255).astype(np.float32)
+        colors[:, 3] = 1  # every surface is rendered opaque
     return Primitive(
         positions=mesh.vertices[vertex[first]].astype(np.float32),
         normals=normal[first].astype(np.float32),
@@ -117,15 +121,8 @@ def _primitive(mesh: Mesh, normals: Array, faces: Indices, color: list[int], tex
         indices=np.stack([corner, corner[:, ::-1]], axis=1).reshape(-1, 3).astype(np.uint32),
         color=srgb_to_linear(np.array(color, np.uint8)),
         texture=texture,
-        vertex_color=None if mesh.look.vertex_color is None else _opaque(mesh.look.vertex_color[vertex[first]]),
+        vertex_color=colors,
     )
-
-
-def _opaque(colors: NDArray[np.uint8]) -> Array32:
-    """Return the colours (V, 4) in 0..1 without their opacity: every surface is rendered opaque."""
-    opaque = (colors / 255).astype(np.float32)
-    opaque[:, 3] = 1
-    return opaque
 
 
 def shrink_texture(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -171,9 +171,9 @@ def test_charts_are_shown_beside_the_unet_s_points_only_if_they_are_fitted_to_th
     (tmp_path / "unet").mkdir()
     publish(data, "models/unet", tmp_path / "unet", "train-unet")
     for name in ("_procedure", "_local_shape", "_sphere"):
-        monkeypatch.setattr(figures, name, lambda *_, name=name: {"title": name})
+        monkeypatch.setattr(figures, name, lambda *_, name=name: name)
     source = ReportSource(data)
-    assert [drawn["title"] for drawn in figures.draw_figures(source, tmp_path, 1)] == ["_procedure", "_sphere"]
+    assert figures.draw_figures(source, tmp_path, 1) == ["_procedure", "_sphere"]
     source.collections["charts"].first.record.models["models/unet"] = "0" * 64
     assert len(figures.draw_figures(source, tmp_path, 1)) == 3
 

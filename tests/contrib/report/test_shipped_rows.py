@@ -94,7 +94,7 @@ def test_report_shows_rows_and_meshes_of_the_shipped_network_and_measures_it_onc
     shown = {one.name: one for one in evaluation.predictions("b")}
     given = {row.cells[0]: row.cells[1] for row in errors_table([shown["shipped-touch-1"], shown["shipped-unoccluded-1"]]).rows}
     assert given == {"shipped-touch": 1, "shipped-unoccluded": 0}
-    assert "grasp" not in shown["shipped-unoccluded-1"].label
+    assert "grasp" not in shown["shipped-unoccluded-1"].inputs
     assert shown["shipped-touch-1"].felt
     assert not shown["shipped-unoccluded-1"].felt
     assert len(evaluation.surface("b", shown["shipped-unoccluded-1"])[0])

@@ -39,13 +39,13 @@ def test_pictures_name_the_used_point_and_sweeps_are_not_used(tmp_path: Path, mo
     source: Any = SimpleNamespace(directory=DataDirectory(tmp_path))
     monkeypatch.setattr("pipeline.contrib.report.html_report.records", lambda directory: origins)
     (picture,) = _trades(source, tmp_path)
-    assert "used here: fast" in picture["caption"]
-    assert "own: 2 s, 1.5 mm" in picture["alt"]
+    assert "used here: fast" in picture.caption
+    assert "own: 2 s, 1.5 mm" in picture.alt
     drawn = (tmp_path / "figures" / "trade-sample-surfaces.svg").read_text()
     assert "seconds per object" in drawn
     assert ">fast<" in drawn
     monkeypatch.setattr("pipeline.contrib.report.html_report.records", lambda directory: {})
-    assert [picture["caption"] for picture in _trades(source, tmp_path)] == ["sample-surfaces, on 4 objects."]
+    assert [picture.caption for picture in _trades(source, tmp_path)] == ["sample-surfaces, on 4 objects."]
 
 
 def test_report_shows_trades(tmp_path: Path, monkeypatch) -> None:

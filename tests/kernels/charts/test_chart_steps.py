@@ -6,7 +6,7 @@ import torch
 
 from pipeline.kernels.charts.chart_steps import ChartState, chart_area, planar_grid, take_steps
 from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.kernels.metrics.surface_sampling import map_to_surface
+from pipeline.kernels.metrics.chamfer import map_to_surface
 
 RNG = np.random.default_rng(0)
 SQUARE, FACES = chart_square()

@@ -61,9 +61,3 @@ def test_coinciding_vertices_are_equal_to_the_bit_and_lie_on_boundaries(splits: 
     assert (sphere.position[first] == sphere.position[second]).all()
     assert (first // 19 != second // 19).all()
     assert np.array_equal(np.unique(sphere.seams % 19), np.arange(12))
-
-
-@pytest.mark.parametrize("splits", [-1, 5])
-def test_vision_charts_reject_splits_out_of_range(splits: int) -> None:
-    with pytest.raises(ValueError, match=f"splits is {splits}.*0 to 4"):
-        vision_charts(splits)

@@ -5,6 +5,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from pipeline.kernels.metrics import chamfer as chamfer_module
 from pipeline.kernels.metrics.chamfer import SearchCloud, chamfer, squared_distances
 
 
@@ -73,3 +74,12 @@ def test_invalid_clouds_are_rejected_by_name(points: Tensor, message: str) -> No
     ):
         with pytest.raises(ValueError, match=message):
             call()
+
+
+@pytest.mark.parametrize("pairs", [chamfer_module.PAIRS_PER_BLOCK, 16 * 40])
+def test_tree_and_pairwise_search_find_equally_near_points(pairs: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(chamfer_module, "PAIRS_PER_BLOCK", pairs)  # all at once, and in blocks of 16 queries
+    draw = np.random.default_rng(1)
+    points, queries = (torch.from_numpy(draw.normal(size=(count, 3))) for count in (40, 70))
+    nearest = SearchCloud(points).nearest(queries), chamfer_module.nearest_of_pairs(queries, points)
+    torch.testing.assert_close(*((queries - points[found]).norm(dim=1) for found in nearest))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from pipeline.kernels.metrics.cloud_distances import (
-    CloudDistances,
     cloud_distances,
     nearest_squared,
     sampled_area,
@@ -97,20 +96,12 @@ def test_invalid_clouds_are_rejected(bad, named):
             function(*clouds)
 
 
-NOTHING = CloudDistances(np.zeros(1), np.zeros(1))
-
-
 @pytest.mark.parametrize(
     ("function", "arguments", "named"),
     [
-        (NOTHING.f1, (math.nan, 1.0), "nan"),
-        (NOTHING.f1, (-1e-9, 1.0), "-1e-09"),
-        (NOTHING.precision_recall, (1e-4, 0.0), "scale 0.0"),
-        (NOTHING.precision_recall, (1e-4, math.inf), "scale inf"),
         (sampling_floor, (math.nan, 10), "nan"),
         (sampling_floor, (-1.0, 10), "-1.0"),
         (sampling_floor, (1.0, 0), "0 points"),
-        (sampled_area, (np.zeros((1, 3)),), "2"),
     ],
 )
 def test_invalid_limits_areas_and_counts_are_rejected(function, arguments, named):

@@ -49,11 +49,3 @@ def test_join_orders_features_by_item() -> None:
     assert torch.equal(graph.vision_vertices(features), vision)
     assert features[features < 0].tolist() == touch.flatten().tolist()
     assert [int((item < 0).sum()) for item in torch.split(features, graph.sizes)] == [9, 0, 18]
-
-
-@pytest.mark.parametrize(
-    ("counts", "dtype", "named"), [([], torch.float32, r"\[\]"), ([2, -1], torch.float32, "-1"), ([1], torch.float16, "float16")]
-)
-def test_graph_rejects_invalid_counts_and_half_precision(counts: list[int], dtype: torch.dtype, named: str) -> None:
-    with pytest.raises(ValueError, match=named):
-        chart_graph(vision_charts(0), 3, counts, torch.zeros((), dtype=dtype))

@@ -55,8 +55,3 @@ def test_autocast_maps_in_half_and_averages_in_full_precision(graph: ChartGraph)
     assert mixed.dtype == torch.bfloat16
     torch.testing.assert_close(mixed.float(), layer(features, single), rtol=0.02, atol=0.02)
     mixed.sum().backward()
-
-
-def test_layer_rejects_features_of_wrong_shape(graph: ChartGraph) -> None:
-    with pytest.raises(ValueError, match=r"features are \(3, 4\); graph and layer take \(1395, 4\)"):
-        ZeroNeighbourLayer(4, 6)(torch.zeros(3, 4), graph)

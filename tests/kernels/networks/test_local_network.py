@@ -23,7 +23,7 @@ def change() -> torch.Tensor:
 
 def test_slopes_depend_on_three_pixels_around_only(network: LocalNetwork, change: torch.Tensor) -> None:
     given = change.clone().requires_grad_()
-    (gradient,) = torch.autograd.grad(network.slopes(given, pixel_positions(24, 30))[0, 0, 12, 15], given)
+    (gradient,) = torch.autograd.grad(network(given, pixel_positions(24, 30), (1.0, 1.0)).slopes[0, 0, 12, 15], given)
     row, col = gradient[0].abs().sum(dim=0).nonzero(as_tuple=True)
     assert (row.min(), row.max(), col.min(), col.max()) == (9, 15, 12, 18)
 

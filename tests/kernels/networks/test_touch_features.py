@@ -1,16 +1,13 @@
 """Touch features of queries around a ball."""
 
 import numpy as np
-import pytest
 import torch
 
 from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.kernels.metrics import chamfer
 from pipeline.kernels.networks.touch_features import (
     NEAREST_POINT_FEATURES,
     SCALES,
     TOUCH_FEATURES,
-    NearestPoints,
     chart_normals,
     touches_by_item,
 )
@@ -56,18 +53,3 @@ def test_query_features_depend_on_touches_of_the_same_item_and_are_zero_without_
     assert not none.any()
     assert not first[:, NEAREST_POINT_FEATURES:].any()
     torch.testing.assert_close(2 * first[:, :3], second[:, :3])
-
-
-@pytest.mark.parametrize("pairs", [chamfer.PAIRS_PER_BLOCK, 16 * 3 * 40])
-def test_tree_and_pairwise_search_find_equally_near_points(pairs, monkeypatch):
-    monkeypatch.setattr(chamfer, "PAIRS_PER_BLOCK", pairs)  # all at once, and in blocks of 16 queries
-    draw = np.random.default_rng(1)
-    points, queries = (torch.from_numpy(draw.normal(size=(3, count, 3))) for count in (40, 70))
-    among = torch.from_numpy(draw.random((3, 40)) < 0.5)
-    among[1] = False
-    in_trees = NearestPoints(points, among).find(queries)
-    of_pairs = chamfer.nearest_of_pairs(queries, points, among)
-    for item in (0, 2):
-        apart = [(queries[item] - points[item][found[item]]).norm(dim=1) for found in (in_trees, of_pairs)]
-        torch.testing.assert_close(*apart)
-        assert among[item][of_pairs[item]].all()

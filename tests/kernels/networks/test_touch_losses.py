@@ -107,11 +107,6 @@ BAD = torch.full_like(DEPTH, torch.nan)
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        ((PREDICTED, DEPTH[:1], MASK), r"\(1, 6, 5\)"),
-        ((PREDICTED[0], DEPTH[0], MASK[0]), r"\(B, H, W\)"),
-        ((PREDICTED[:0], DEPTH[:0], MASK[:0]), "B >= 1"),
-        ((PREDICTED, DEPTH, MASK.long()), "int64"),
-        ((PREDICTED.half(), DEPTH, MASK), "float16"),
         ((PREDICTED, BAD, MASK), "depth"),
         ((PREDICTED, -math.inf * DEPTH, torch.zeros_like(MASK)), "-inf"),
         ((BAD, DEPTH, MASK), "3 of 3"),

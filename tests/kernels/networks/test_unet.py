@@ -113,25 +113,3 @@ def test_network_overfits_one_touch_to_50_micrometres() -> None:
     with torch.no_grad():
         predicted = unet.eval()(tactile_images) * sensor.w
     assert float((predicted - visible_depth(true, sensor.w))[mask].square().mean().sqrt()) <= 50e-6
-
-
-@pytest.mark.parametrize(
-    ("shape", "named"),
-    [
-        ((2, 100, 100, 3), r"\(2, 100, 100, 3\)"),
-        ((3, 100, 100), r"\(3, 100, 100\)"),
-        ((2, 3, 15, 100), "15 x 100"),
-        ((1, 3, 31, 16), "31 x 16"),  # batch normalisation of one value per channel
-    ],
-)
-def test_unet_rejects_wrong_and_small_shapes(shape: tuple[int, ...], named: str) -> None:
-    with pytest.raises(ValueError, match=named):
-        network(1)(torch.rand(shape))
-
-
-def test_unet_rejects_no_width_and_half_precision() -> None:
-    assert network(1).eval()(torch.rand(1, 3, 31, 16)).shape == (1, 31, 16)
-    with pytest.raises(ValueError, match="width 0"):
-        UNet(0)
-    with pytest.raises(ValueError, match="bfloat16"):
-        network(1).bfloat16()(torch.rand(1, 3, 32, 32).bfloat16())

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.photograph_alteration import LUMA, find_alteration, pressed_share, rim_change
+from pipeline.kernels.touch.photograph_faults import LUMA, Alteration, average, find_alteration, pressed_share, rim_change
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 
@@ -33,6 +33,10 @@ def noisy(image: NDArray[np.float64] | Image, seed: int | None = 1) -> Image:
     return np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
 
 
+def alteration_of(photograph: Image, reference: Image) -> Alteration:
+    return find_alteration(average(photograph), average(reference))
+
+
 def grey(image: Image) -> Image:
     return np.repeat(np.rint(image @ LUMA)[..., None], 3, axis=2).astype(np.uint8)
 
@@ -54,7 +58,7 @@ ALTERED: dict[tuple[str, str], Callable[[Image], Image]] = {
 @pytest.mark.parametrize("expected", ALTERED, ids=" ".join)
 @pytest.mark.parametrize("name", SENSORS)
 def test_alteration_of_a_press_is_found(name: str, expected: tuple[str, str]) -> None:
-    alteration = find_alteration(ALTERED[expected](press(name)), untouched_image(SENSORS[name]))
+    alteration = alteration_of(ALTERED[expected](press(name)), untouched_image(SENSORS[name]))
     assert (alteration.colours, alteration.orientation) == expected
     assert alteration.gain == pytest.approx(1, abs=0.02)
     assert alteration.difference < 2
@@ -63,7 +67,7 @@ def test_alteration_of_a_press_is_found(name: str, expected: tuple[str, str]) ->
 @pytest.mark.parametrize("gain", [0.7, 0.9, 1.1, 1.4])
 @pytest.mark.parametrize("name", SENSORS)
 def test_gain_is_measured_beside_a_press(name: str, gain: float) -> None:
-    alteration = find_alteration(noisy(gain * press(name).astype(float)), untouched_image(SENSORS[name]))
+    alteration = alteration_of(noisy(gain * press(name).astype(float)), untouched_image(SENSORS[name]))
     assert alteration.is_none
     assert alteration.gain == pytest.approx(gain, abs=0.02)
     assert alteration.difference < 0.3 * alteration.unscaled
@@ -71,7 +75,7 @@ def test_gain_is_measured_beside_a_press(name: str, gain: float) -> None:
 
 def test_gains_by_colour_are_measured() -> None:
     gains = [1.2, 1.0, 0.85]
-    alteration = find_alteration(noisy(press("gelsight") * np.array(gains)), untouched_image(SENSORS["gelsight"]))
+    alteration = alteration_of(noisy(press("gelsight") * np.array(gains)), untouched_image(SENSORS["gelsight"]))
     assert alteration.is_none
     np.testing.assert_allclose(alteration.gains, gains, rtol=0, atol=0.02)
     assert alteration.balanced < 0.2 * alteration.difference
@@ -83,17 +87,18 @@ def test_a_plate_that_tilts_the_whole_gel_is_no_alteration(name: str) -> None:
     x, _ = pixel_centres(sensor)
     for slope in (0.05, 0.2, 0.6):
         depth = np.broadcast_to(sensor.w - 0.001 + slope * (x - x[0]), sensor.shape)
-        assert find_alteration(tactile_image(depth, sensor), untouched_image(sensor)).is_none
+        assert alteration_of(tactile_image(depth, sensor), untouched_image(sensor)).is_none
 
 
 @pytest.mark.parametrize("name", SENSORS)
 def test_pressed_photograph_of_two_is_found(name: str) -> None:
-    background = untouched_image(SENSORS[name])
-    untouched, pressed, other = noisy(background), press(name), press(name, at=(-0.2, 0.2))
+    gel = untouched_image(SENSORS[name])
+    images = gel, noisy(gel), noisy(gel, 2), press(name), press(name, at=(-0.2, 0.2))
+    background, untouched, again, pressed, other = map(average, images)
     assert pressed_share(untouched, pressed, background) == 0
     assert pressed_share(pressed, untouched, background) == 1
     assert 0.2 < pressed_share(pressed, other, background) < 0.8
-    assert pressed_share(untouched, noisy(background, 2), background) == 0
+    assert pressed_share(untouched, again, background) == 0
 
 
 def test_press_at_the_rim_changes_it() -> None:

@@ -39,7 +39,7 @@ def rows(settings: VisionSettings, *tasks: tuple[Unit, dict[str, Any]]) -> list[
         return [process(*one) for one in tasks]
 
 
-def test_rows_have_the_shapes_and_types_of_the_schema() -> None:
+def test_rows_are_as_in_the_schema_and_show_object_and_hand() -> None:
     (row,) = rows(VisionSettings(hand=HAND), task("a", 0.15))
     assert {name: (array.shape, array.dtype.name) for name, array in row.items()} == {
         "unoccluded": ((1, 256, 256, 3), "uint8"),
@@ -50,6 +50,12 @@ def test_rows_have_the_shapes_and_types_of_the_schema() -> None:
     declared = {name for name, array in STAGE.output.arrays.items() if array.per_object} - set(COMMON)
     assert set(row) == declared - {"camera_depth"}
     assert set(STAGE.constants(VisionSettings(hand=HAND))) == {"camera"}
+    assert set(np.unique(row["segmentation"][0])) == {0, 1}
+    for view in (1, 2):
+        assert set(np.unique(row["segmentation"][view])) == {0, 1, 2}
+    assert (row["segmentation"][3] == row["segmentation"][0]).all()
+    assert (row["occluded"][2] == row["unoccluded"]).all()
+    assert (row["segmentation"][2] == 2).sum() > (row["segmentation"][1] == 2).sum()  # nearer the camera, larger
 
 
 def test_images_of_one_camera_do_not_depend_on_the_others(tmp_path) -> None:
@@ -88,30 +94,14 @@ def test_cameras_need_not_be_square_but_have_one_size(tmp_path) -> None:
     assert dataset_scene(json.loads(json.dumps(attributes))) == scene
     with pytest.raises(StoreError, match="delete `vision`"):
         dataset_scene({})
-    path.write_text(json.dumps(described | {"cameras": [wide, wide | {"name": "tall", "size": [48, 96]}]}))
-    with pytest.raises(InvalidInput, match="images of several sizes"):
-        load_scene(path)
-    path.write_text(json.dumps(described | {"cameras": [wide | {"resolution": 512}]}))
-    with pytest.raises(InvalidInput, match=r"resolution 512 and size \[96, 48\] are two sizes of one image"):
-        load_scene(path)
-
-
-def test_two_cameras_of_the_same_name_are_refused(tmp_path) -> None:
-    described = yaml.safe_load(description_path("scene", "supplement").read_text())
-    described["cameras"] = [described["cameras"][0] | {"name": "a"}] * 2
-    (tmp_path / "twice.yaml").write_text(json.dumps(described))
-    with pytest.raises(InvalidInput, match="two cameras are called a; rename one"):
-        load_scene(tmp_path / "twice.yaml")
-
-
-def test_images_show_object_and_hand() -> None:
-    (row,) = rows(VisionSettings(hand=HAND), task("a", 0.15))
-    assert set(np.unique(row["segmentation"][0])) == {0, 1}
-    for view in (1, 2):
-        assert set(np.unique(row["segmentation"][view])) == {0, 1, 2}
-    assert (row["segmentation"][3] == row["segmentation"][0]).all()
-    assert (row["occluded"][2] == row["unoccluded"]).all()
-    assert (row["segmentation"][2] == 2).sum() > (row["segmentation"][1] == 2).sum()  # nearer the camera, larger
+    for cameras, words in (
+        ([wide, wide | {"name": "tall", "size": [48, 96]}], "images of several sizes"),
+        ([wide | {"resolution": 512}], r"resolution 512 and size \[96, 48\] are two sizes of one image"),
+        ([wide, wide], "two cameras are called wide; rename one"),
+    ):
+        path.write_text(json.dumps(described | {"cameras": cameras}))
+        with pytest.raises(InvalidInput, match=words):
+            load_scene(path)
 
 
 def test_hand_other_than_that_of_the_grasps_is_refused() -> None:

@@ -1,18 +1,30 @@
 """`train-implicit`: learn the signed distance from any point in space to the object, from images and touches."""
 
-from typing import TYPE_CHECKING, Literal
+from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
 from pydantic import model_validator
 
 from pipeline.config.settings import setting
 from pipeline.engine.stage import Cost
+from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.networks.network_configurations import IMPLICIT_CONFIGURATIONS, Norm
+from pipeline.training.learner import Batch, ReconstructionLearner
 from pipeline.training.settings import ReconstructionSettings, Schedule
 from pipeline.training.training_stage import ReconstructionTraining
 from schemas.distances import DISTANCES
 
 if TYPE_CHECKING:
-    from pipeline.training.reconstruction import ReconstructionLearner
+    import torch
+    from torch import Tensor
+
+    from pipeline.training.items import Items
+
+MISPLACED = 0.5
+"""Share of the items with image and touches that are displaced, if `placement_error` is not 0."""
 
 
 class ImplicitSettings(ReconstructionSettings):
@@ -74,7 +86,7 @@ class ImplicitSettings(ReconstructionSettings):
     )
 
     @model_validator(mode="after")
-    def _norm_of_any(self) -> "ImplicitSettings":
+    def _norm_of_any(self) -> ImplicitSettings:
         if self.inputs.image == "any" and self.encoder_norm == "batch" and self.devices > 1:
             raise ValueError("encoder_norm=batch needs an image of some item in each process, which implicit-any may not have; take group")
         return self
@@ -90,18 +102,68 @@ class ImplicitSettings(ReconstructionSettings):
         return (0.1 if self.inputs.image == "any" else 0.0) if self.dropped_touches is None else self.dropped_touches
 
 
+class ImplicitLearner(ReconstructionLearner):
+    """Minimise the mean error of the predicted distances, which are cut off at the band."""
+
+    seeded_as = "train-implicit"
+
+    def targets(
+        self, items: Items, numbers: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool
+    ) -> tuple[Tensor, Tensor]:
+        """Draw points of each item, (B, N, 3) world, m, and their signed distances (B, N), m, scaled as its observation is."""
+        import torch
+
+        count = self.settings.validation_queries if validates else self.settings.queries
+        queries, distances = [], []
+        for item, generator in zip(numbers, generators, strict=True):
+            object_id = items.object_of(item)
+            points, point_distances = (items.rows.read(name, object_id) for name in ("query_points", "signed_distance"))
+            rows = torch.randint(len(points), (count,), generator=generator).numpy()
+            queries.append(items.scaled(points[rows], object_id))
+            distances.append(np.float32(items.scale(object_id)) * point_distances[rows])
+        return torch.from_numpy(np.stack(queries)), torch.from_numpy(np.stack(distances))
+
+    def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
+        """Read items as every family does, some of them at a wrong pose if the settings ask for it."""
+        import torch
+
+        from pipeline.training.augmentation import draw_misplacement, misplace
+
+        batch, deviation = super().read(items, generators), self.settings.placement_error
+        if not deviation:
+            return batch
+        config = self.config
+        observations, (queries, distances) = list(batch.observations), batch.targets
+        for number, (observation, generator) in enumerate(zip(batch.observations, generators, strict=True)):
+            motion = draw_misplacement(deviation, config.centre, config.radius, generator)
+            is_chosen = float(torch.rand((), generator=generator, dtype=torch.float64)) < MISPLACED
+            if is_chosen and observation.image is not None and observation.touched.any():
+                observations[number] = misplace(observation.scaled(config.centre), motion, np.array(config.centre))
+                queries[number] = torch.from_numpy(transform_points(motion, queries[number].double().numpy()).astype(np.float32))
+                distances[number] *= float(motion[0, 0])  # the scale
+        return Batch(observations, (queries, distances), generators)
+
+    def loss(self, network: Any, batch: Batch) -> Tensor:
+        """Compute the mean absolute error of the distances within the band, as a share of the band."""
+        inputs, (queries, distances) = self.stack(network, batch), batch.targets
+        predicted: Tensor = network(queries.to(inputs.touch_vertices), **vars(inputs))
+        band: float = self.config.band
+        loss: Tensor = (predicted - distances.to(inputs.touch_vertices).clamp(-band, band)).abs().mean() / band
+        return loss
+
+    def errors(self, network: Any, batch: Batch) -> Tensor:
+        """Give each item the mean error of the batch, (B,), as all items have the same number of points."""
+        return self.loss(network, batch).expand(len(batch.observations))
+
+
 class TrainImplicit(ReconstructionTraining):
     """Train a network that predicts signed distances, from which marching cubes make a closed surface."""
 
     name = "train-implicit"
     summary = "Train an implicit network: signed distances at any point, from an image or touches or both."
     settings_type = ImplicitSettings
+    learner = ImplicitLearner
     target, arrays = DISTANCES, ("query_points", "signed_distance")
-
-    def learner(self) -> "type[ReconstructionLearner]":
-        from stages.train_implicit.learner import ImplicitLearner
-
-        return ImplicitLearner
 
     def cost(self, settings: ImplicitSettings, objects: int) -> Cost:
         """Estimate the time per item on one core, in proportion to its points and the squared features."""

@@ -1,18 +1,29 @@
-"""Supplement 3: learn to deform a sphere of vision charts around the touch charts, from images and touches."""
+"""`train-gcn`: learn to deform a sphere of vision charts around the touch charts, from images and touches (supplement 3)."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
 
 from pipeline.config.settings import setting
 from pipeline.engine.stage import Cost, Trade
 from pipeline.kernels.charts.touch_chart import SIDE
+from pipeline.kernels.geometry.mesh import mesh_edges
+from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, SINGLE_IMAGE, NetworkConfig, Norm, Seams, TouchEdges
 from pipeline.store.directory import DataDirectory
+from pipeline.training.learner import Batch, ReconstructionLearner
 from pipeline.training.settings import ReconstructionSettings, Schedule
 from pipeline.training.training_stage import ReconstructionTraining
 
 if TYPE_CHECKING:
-    from pipeline.training.reconstruction import ReconstructionLearner
+    import torch
+    from torch import Tensor
+
+    from pipeline.kernels.metrics.chamfer import SearchCloud
+    from pipeline.models.observation import NetworkBatch
+    from pipeline.training.items import Items
 
 
 class GcnSettings(ReconstructionSettings):
@@ -75,18 +86,64 @@ class SingleImageSettings(GcnSettings):
     validation_items: int = setting(5, "views per validation object, the first ones", ge=1)
 
 
+class GcnLearner(ReconstructionLearner):
+    """Minimise the distance of the predicted surface to the object's (supplement 3.3), and the weighted length of the predicted edges."""
+
+    seeded_as = "train-gcn"
+
+    def __init__(self, network: Any, train: Items, valid: Items, settings: Any, seed: int) -> None:
+        import torch
+
+        super().__init__(network, train, valid, settings, seed)
+        faces = network.charts.position[network.charts.faces]  # of the closed surface that vertices that coincide make together
+        self._edges = torch.from_numpy(mesh_edges(faces)[0])
+
+    def targets(self, items: Items, numbers: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool) -> list[SearchCloud]:
+        """Read the points of each item's object."""
+        return [items.target(item) for item in numbers]
+
+    def loss(self, network: Any, batch: Batch) -> Tensor:
+        """Compute the items' mean Chamfer distance and weighted length of edges; the supplement lacks the latter."""
+        from pipeline.kernels.metrics.chamfer import edge_length
+
+        inputs = self.stack(network, batch)
+        deformed = network(**vars(inputs))
+        total: Tensor = self._chamfer(deformed, inputs, batch).mean()
+        if weight := TABLE_3_FACTOR * self.settings.edge_weight:
+            total = total + weight * edge_length(self.network.merge_coinciding(deformed), self._edges).mean()
+        return total
+
+    def errors(self, network: Any, batch: Batch) -> Tensor:
+        """Compute the Chamfer distance of each item, (B,)."""
+        inputs = self.stack(network, batch)
+        return self._chamfer(network(**vars(inputs)), inputs, batch)
+
+    def _chamfer(self, deformed: Tensor, inputs: NetworkBatch, batch: Batch) -> Tensor:
+        """Compute (B,) Chamfer distances of `loss_points` points each way to all the object's, in Table 3's unit."""
+        import torch
+
+        from pipeline.kernels.metrics.chamfer import sample_surface, squared_distances
+        from pipeline.models.reconstructors import assemble_surfaces
+
+        distances, count = [], self.settings.loss_points
+        surfaces = assemble_surfaces(self.network, deformed, inputs)
+        for (vertices, faces), target, generator in zip(surfaces, batch.targets, batch.generators, strict=True):
+            predicted = sample_surface(vertices, faces, count, generator)
+            rows = torch.randperm(len(target.points), generator=generator)[:count]
+            true = target.points[rows].to(predicted)
+            surface = target.points.to(predicted) if predicted.is_cuda else target
+            distances.append(squared_distances(predicted, surface).mean() + squared_distances(true, predicted).mean())
+        return TABLE_3_FACTOR * torch.stack(distances)
+
+
 class TrainGcn(ReconstructionTraining):
     """Train a network that deforms vision charts into the whole surface."""
 
     name = "train-gcn"
     summary = "Train the graph network that deforms vision charts, in one of the supplement's configurations."
     settings_type: ClassVar[type[GcnSettings]] = GcnSettings
+    learner = GcnLearner
     arrays = ("points",)
-
-    def learner(self) -> "type[ReconstructionLearner]":
-        from stages.train_gcn.learner import GcnLearner
-
-        return GcnLearner
 
     def grid(self, settings: GcnSettings) -> dict[str, tuple[Any, ...]]:
         """Give the grid of supplement 3.4; networks without an image have no encoder to vary."""

@@ -1,15 +1,18 @@
-"""Trained implicit networks: from images and touches of an object to a closed mesh."""
+"""The families of trained networks: vision charts that are deformed around touch charts, and signed distances that are meshed."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
+from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.geometry.level_set import level_set_mesh
+from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.implicit_network import Encoding, ImplicitNetwork
-from pipeline.kernels.networks.network_configurations import ImplicitConfig
-from pipeline.models.observation import Observation
+from pipeline.kernels.networks.network_configurations import ImplicitConfig, NetworkConfig
+from pipeline.models.observation import NetworkBatch, Observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor
 
 QUERIES = 2**12
@@ -18,6 +21,45 @@ MARGIN = 1.04
 """Half the side of the meshed cube, in radii: beyond any object that was scaled to 0.5 m."""
 HALVINGS = 3
 """Times that the spacing of the first predictions is halved, where the surface may be."""
+
+
+class DeformationReconstructor(Reconstructor):
+    """A trained deformation network, from its folder."""
+
+    config_type = NetworkConfig
+    network_type = DeformationNetwork
+    has_charts = True
+    network: DeformationNetwork
+
+    def _surfaces(self, observations: Sequence[Observation]) -> list[Reconstruction]:
+        batch = self._batch(observations)
+        charts, deformed = self.network.charts, self.network(**vars(batch))
+        return [
+            Reconstruction(
+                vertices=vertices.double().cpu().numpy(),
+                faces=faces.cpu().numpy(),
+                vision=len(charts.vertices),
+                position=charts.position,
+                side=self.network.config.side,
+            )
+            for vertices, faces in assemble_surfaces(self.network, deformed, batch)
+        ]
+
+
+def assemble_surfaces(
+    network: DeformationNetwork,
+    deformed: Tensor,  # (B, V, 3) vertices of the vision charts, world, m
+    batch: NetworkBatch,  # gives the touch charts
+) -> Iterator[tuple[Tensor, Tensor]]:  # (V, 3) vertices, world, m, and (F, 3) faces, of each item
+    """Join the vision charts of each item and the charts of its successful touches."""
+    vision_faces = torch.tensor(network.charts.faces, device=deformed.device)
+    touch_faces = chart_square(network.config.side)[1].to(deformed.device)
+    charts_of, touched_of = torch.split(batch.touch_vertices, batch.counts), torch.split(batch.touched, batch.counts)
+    for vision, charts, touched in zip(deformed, charts_of, touched_of, strict=True):
+        surface = charts[touched]  # (K, S, 3)
+        first = len(vision) + torch.arange(len(surface), device=vision.device) * surface.shape[1]
+        faces = (touch_faces + first[:, None, None]).reshape(-1, 3)
+        yield torch.cat([vision, surface.reshape(-1, 3)]), torch.cat([vision_faces, faces])
 
 
 class ImplicitReconstructor(Reconstructor):

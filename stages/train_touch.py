@@ -1,0 +1,286 @@
+"""`train-touch`: a local network learns to read depth and contact in photographs, from simulated presses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.config.settings import setting
+from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows, touch_sensor
+from pipeline.engine.stage import Cost, DatasetJob
+from pipeline.kernels.touch.sensor import MM, Sensor
+from pipeline.rng import seeded_weights
+from pipeline.store.storage import Location
+from pipeline.training.learner import Learner
+from pipeline.training.settings import Schedule, TrainingSettings
+from pipeline.training.training_stage import Training
+from schemas.base import Artifact
+from schemas.presses import PRESSES
+
+if TYPE_CHECKING:
+    import torch
+    from torch import Tensor, nn
+
+    from pipeline.kernels.networks.local_network import LocalNetwork, LocalShape
+
+NAME = "train-touch"
+ARRAYS = ("press_image", "press_indentation", "press_contact", "press_untouched")
+"""Arrays that are read of each object."""
+AT_CONTACT = 0.85
+"""Share of the windows that lie about a contact; the others lie anywhere."""
+DRIFT_SIDE = 3
+"""Points per side between which drift is interpolated: it is smooth."""
+
+
+class TouchTrainingSettings(TrainingSettings):
+    """How the local network that reads photographs is trained on simulated presses."""
+
+    learning_rate: float = setting(4e-3, "for a small network and a thousand steps", gt=0, le=100)
+    schedule: Schedule = setting("cosine", "a training of fixed length ends with small steps")
+    epochs: int = setting(
+        11,
+        "with 1,800 presses, 1,200 steps; the last is kept: the error on simulated presses does not tell when to stop for photographs",
+        ge=1,
+    )
+    patience: Literal[None] = setting(None, "the last epoch is kept")
+    width: int = setting(20, "features of the hidden layers: 6,500 parameters", ge=1, le=2**12)
+    window: int = setting(64, "pixels per side of the part of a press that a step sees; it costs a sixth of whole images of 160", ge=16)
+    image_gain: float = setting(
+        0.07,
+        "exposure and lamps differ between days: each colour's change is scaled by a factor within 1 ± this, and 1.5 times this in common",
+        ge=0,
+        lt=1,
+    )
+    image_noise: float = setting(
+        1.0, "greatest standard deviation of pixel noise, levels; what photographs of 160 pixels have", ge=0, le=255
+    )
+    image_mix: float = setting(0.05, "share of each colour that shows in another at most: lamps and filters overlap", ge=0, lt=1)
+    image_depth: float = setting(
+        5.0, "standard deviation of light that grows with depth, levels per mm: less than contacts of one sensor differ", ge=0, le=255
+    )
+    image_blur: float = setting(0.8, "greatest standard deviation of blur, pixels: of lens, gel and camera", ge=0, le=10)
+    image_drift: float = setting(
+        6.0,
+        "greatest standard deviation by which a photograph's light differs smoothly from the untouched one's, levels; much more hides the "
+        "gel around a contact",
+        ge=0,
+        le=255,
+    )
+
+
+class SimulatedPress(NamedTuple):
+    """A press."""
+
+    image: NDArray[np.uint8]  # (rows, cols, 3) tactile image
+    indentation: NDArray[np.float32]  # (rows, cols) m, of the gel
+    contact: NDArray[np.bool_]  # (rows, cols)
+
+
+@dataclass(frozen=True, eq=False)
+class Presses:
+    """Presses of one sensor."""
+
+    sensor: Sensor  # with their pixels
+    untouched: NDArray[np.uint8]  # (rows, cols, 3) the image without a press
+    names: Sequence[str]  # of the presses, in messages
+    read: Callable[[int], SimulatedPress]  # a press, by number
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def name(self, item: int) -> str:
+        """Name a press."""
+        return self.names[item]
+
+
+def stored_presses(data: Location, split: str, *, cache_megabytes: float = CACHE_MEGABYTES) -> Presses:
+    """Open the presses of a split of a data directory."""
+    rows = ObjectRows(data, ARRAYS, split, cache_megabytes=cache_megabytes)
+    names = [f"{object_id} press {press}" for object_id in rows.object_ids for press in range(rows.size("press_image", "press"))]
+    untouched = rows.read("press_untouched", rows.object_ids[0])
+    return Presses(touch_sensor(rows.attributes("presses")), untouched, names, partial(_read_press, rows))
+
+
+def _read_press(rows: ObjectRows, item: int) -> SimulatedPress:
+    number, press = divmod(item, rows.size("press_image", "press"))
+    return SimulatedPress(*(rows.read(array, rows.object_ids[number], press) for array in ARRAYS[:3]))
+
+
+class Windows(NamedTuple):
+    """Windows of some presses."""
+
+    change: Tensor  # (B, 3, H, W) change of colours, levels
+    position: Tensor  # (B, 2, H, W)
+    depth: Tensor  # (B, H, W) mm, true
+    contact: Tensor  # (B, H, W) bool, true
+
+
+class PressLearner(Learner):
+    """A local network with its presses."""
+
+    keeps_last = True
+    train: Presses
+    valid: Presses
+
+    def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Windows:
+        """Read a varied window of each press."""
+        return _stacked([self._window(self.train, item, generator) for item, generator in zip(items, generators, strict=True)])
+
+    def _window(self, presses: Presses, item: int, generator: torch.Generator | None) -> Windows:
+        """Read a window of a press, or without a generator the whole press, as it is."""
+        import torch
+
+        from pipeline.kernels.networks.local_network import pixel_positions
+
+        press, position = presses.read(item), pixel_positions(*presses.sensor.shape)[0]
+        change = torch.from_numpy(press.image.astype(np.float32) - presses.untouched).permute(2, 0, 1)
+        depth, contact = torch.from_numpy(MM * press.indentation), torch.from_numpy(press.contact.copy())
+        if generator is None:
+            return Windows(change, position, depth, contact)
+        rows, cols = self._draw_window(press.contact, generator)
+        depth = depth[rows, cols]
+        varied = vary_change(change[:, rows, cols], depth, self.settings, generator)
+        return Windows(varied, position[:, rows, cols], depth, contact[rows, cols])
+
+    def _draw_window(self, contact: np.ndarray, generator: torch.Generator) -> tuple[slice, ...]:
+        """Draw a window's rows and columns, given the contact (rows, cols)."""
+        import torch
+
+        about = float(torch.rand(1, generator=generator, dtype=torch.float32))
+        anywhere, near = torch.rand((2, 2), generator=generator, dtype=torch.float32).tolist()
+        touched, slices = np.argwhere(contact), []
+        for axis, size in enumerate(contact.shape):
+            side = min(self.settings.window, size)
+            first = anywhere[axis] * (size - side)
+            if len(touched) and about < AT_CONTACT:
+                first = touched[:, axis].mean() - side / 2 + (2 * near[axis] - 1) * side / 3
+            start = int(np.clip(first, 0, size - side))
+            slices.append(slice(start, start + side))
+        return tuple(slices)
+
+    def loss(self, network: nn.Module, batch: Windows) -> Tensor:
+        """Compute the loss of some training windows."""
+        return self._compare(network, batch, uncropped=False)[1]
+
+    def validate(self, network: nn.Module) -> dict[str, float]:
+        """Compute the loss over the validation presses, and the mean depth error over all pixels, µm; neither chooses an epoch."""
+        loss = error = 0.0
+        for items in self.validation_batches():
+            windows = _stacked([self._window(self.valid, item, None) for item in items])
+            shape, mean = self._compare(network, windows, uncropped=True)
+            loss += len(items) * float(mean)
+            error += len(items) * float((shape.depth.cpu() - windows.depth).abs().mean())
+        return {"loss": loss / len(self.valid), "depth_error_um": 1e3 * error / len(self.valid)}
+
+    def _compare(self, network: nn.Module, windows: Windows, *, uncropped: bool) -> tuple[LocalShape, Tensor]:
+        """Read windows; whole presses as a sensor's photographs, parts of them with the true depth at their rims."""
+        from pipeline.kernels.networks.local_network import GelState, local_loss
+
+        parameter, sensor = next(network.parameters()), self.train.sensor
+        pitch = (MM * sensor.pitch[0], MM * sensor.pitch[1])
+        truth = GelState(windows.depth.to(parameter), windows.contact.to(parameter.device))
+        shape = network(windows.change.to(parameter), windows.position.to(parameter), pitch, None if uncropped else truth.depth)
+        return shape, local_loss(shape, truth, pitch)
+
+
+def _stacked(windows: Sequence[Windows]) -> Windows:
+    import torch
+
+    return Windows(*map(torch.stack, zip(*windows, strict=True)))
+
+
+def train_local_network(
+    train_presses: Presses,  # of one sensor, to learn from
+    valid: Presses,  # of this sensor, to watch
+    settings: TouchTrainingSettings,
+    *,
+    folder: Path,  # gets checkpoint and curves, as `train` writes them
+    seed: int,  # of weights, order and variation
+) -> tuple[LocalNetwork, dict[str, Any]]:  # network in evaluation mode, facts for a record
+    """Train a local network."""
+    from pipeline.kernels.networks.local_network import LocalNetwork
+    from pipeline.training.loop import train
+
+    with seeded_weights(seed, NAME):
+        network = LocalNetwork(settings.width)
+    facts = train(PressLearner(network, train_presses, valid, settings), settings, folder=folder, seed=seed, name=NAME)
+    return network.eval(), facts
+
+
+def vary_change(
+    change: Tensor,  # (3, H, W) float32 image minus untouched image, levels
+    depth: Tensor,  # (H, W) float32 mm, how deep the gel is drawn in
+    settings: TouchTrainingSettings,  # give the ranges; at 0 each variation is off
+    generator: torch.Generator,
+) -> Tensor:
+    """Vary the change of colours of one press.
+
+    Variations are gain, mixed colours, light that grows with the depth, blur, drift, noise and shift.
+    """
+    import torch
+    from torch.nn.functional import interpolate
+
+    def share(*shape: int) -> Tensor:
+        return torch.rand(shape, generator=generator, dtype=torch.float32)
+
+    gain = 1 + settings.image_gain * (2 * share(3) - 1) + 1.5 * settings.image_gain * (2 * share(1) - 1)
+    mixing = torch.eye(3, dtype=torch.float32) + settings.image_mix * (2 * share(3, 3) - 1)
+    varied = torch.einsum("ij,jhw->ihw", gain[:, None] * mixing, change)
+    lit = torch.randn((3, 1, 1), generator=generator, dtype=torch.float32)
+    varied = varied + settings.image_depth * lit * depth
+    varied = _blurred(varied, settings.image_blur * float(share(1)))
+    coarse = torch.randn((3, DRIFT_SIDE, DRIFT_SIDE), generator=generator, dtype=torch.float32)
+    common = torch.randn((1, DRIFT_SIDE, DRIFT_SIDE), generator=generator, dtype=torch.float32)
+    drift = interpolate((0.6 * coarse + common)[None], size=change.shape[1:], mode="bicubic", align_corners=True)[0]
+    noise = torch.randn(change.shape, generator=generator, dtype=torch.float32)
+    varied = varied + settings.image_drift * share(1) * drift + settings.image_noise * share(1) * noise
+    return varied + settings.image_shift * (2 * share(3, 1, 1) - 1)
+
+
+def _blurred(image: Tensor, sigma: float) -> Tensor:
+    """Blur an image (3, H, W) by a Gaussian of standard deviation `sigma`, pixels."""
+    if sigma < 0.1:
+        return image
+    import torch
+    from torch.nn.functional import conv2d, pad
+
+    reach = max(1, round(3 * sigma))
+    weights = torch.exp(-0.5 * (torch.arange(-reach, reach + 1, dtype=image.dtype) / sigma) ** 2)
+    weights = (weights / weights.sum()).view(1, 1, 1, -1)
+    padded = pad(image[:, None], (reach, reach, reach, reach), mode="replicate")
+    return conv2d(conv2d(padded, weights), weights.transpose(2, 3))[:, 0]
+
+
+class TrainTouch(Training):
+    """Train a small network that reads the gel's depth and contact from changes of colour."""
+
+    name = NAME
+    summary = "A local network that reads depth and contact in photographs of a sensor, from simulated presses."
+    settings_type = TouchTrainingSettings
+
+    def inputs(self, settings: TouchTrainingSettings) -> tuple[Artifact, ...]:
+        return (PRESSES,)
+
+    def writes(self, settings: TouchTrainingSettings) -> str:
+        return "models/touch"
+
+    def cost(self, settings: TouchTrainingSettings, objects: int) -> Cost:
+        """Estimate 72 presses per object and epoch; a window's time grows with its pixels and with the width."""
+        pixels = (settings.window / 64) ** 2
+        return Cost(seconds=objects * 72 * settings.epochs * 0.003 * pixels * settings.width / 16, kilobytes=100)
+
+    def make(self, job: DatasetJob) -> dict[str, Any]:
+        """Train, and save the last epoch's weights with the sensor and its untouched image."""
+        from pipeline.models.touch_model import save_touch_model
+
+        settings: TouchTrainingSettings = job.settings
+        presses, valid = (stored_presses(job.data, split, cache_megabytes=settings.cache_megabytes) for split in ("train", "valid"))
+        network, facts = train_local_network(presses, valid, settings, folder=job.folder, seed=job.seed)
+        save_touch_model(job.folder, network, sensor=presses.sensor, untouched=presses.untouched)
+        return facts | {"presses": {"train": len(presses), "valid": len(valid)}}
