@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.optimize import minimize_scalar
 
+from pipeline.contrib.calibration.ball_contact import Circle, Photograph, ball_impression, distance_from
 from pipeline.contrib.calibration.ball_photographs import CIRCLES, read_photographs
 from pipeline.errors import InvalidInput
-from pipeline.kernels.touch.ball_contact import Circle, Photograph, ball_impression, distance_from
 from pipeline.kernels.touch.calibrated_shading import calibrated_change
 from pipeline.kernels.touch.sensor import Sensor
 

@@ -13,8 +13,7 @@ from torch import Tensor
 
 from benchmarks.timing import Table
 from pipeline.formats.scene_file import load_scene
-from pipeline.kernels.networks.chart_graph import ZeroNeighbourLayer, chart_graph
-from pipeline.kernels.networks.deformation_network import VISION, DeformationNetwork
+from pipeline.kernels.networks.deformation_network import VISION, DeformationNetwork, ZeroNeighbourLayer, chart_graph
 from pipeline.kernels.networks.image_encoder import pool_features, project_to_pixels
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.kernels.vision.camera import projection_matrix

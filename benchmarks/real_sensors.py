@@ -14,9 +14,9 @@ from benchmarks.ball_photographs import BallSet, gelsight_balls, mini_balls, rec
 from benchmarks.peers.taxim_shim import load_taxim
 from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table, side_by_side, single_call
+from pipeline.contrib.calibration.ball_contact import RING, Photograph, ball_impression, distance_from
 from pipeline.contrib.calibration.calibrate_sensor import draw_calibration, render_contact
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.ball_contact import RING, Photograph, ball_impression, distance_from
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image
 

@@ -15,12 +15,12 @@ from pipeline.errors import StageError
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.models.families import model_name
 from pipeline.models.shipped_weights import DEFAULT, SENSORS, SHIPPED, Error, ModelCard, TrainedOn, card_path
-from pipeline.reconstruct.score import score_shipped
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location
 from pipeline.store.validate import check_origins
 from pipeline.training.training_stage import learned_from
 from stages.evaluate.evaluation_files import SHIPPED_ROWS, SHIPPED_SCORES, read_figures, read_table
+from stages.evaluate.scores import score_shipped
 
 NOT_FOR = (
     "other kinds of objects than it was trained on, objects much larger or smaller than those, other sensors, and any use in which "

@@ -20,9 +20,8 @@ from pipeline.console import console
 from pipeline.store.atomic import write_atomically
 from pipeline.tradeoff.advice import Workload, within_time
 from pipeline.tradeoff.end_to_end import measure_end_to_end
-from pipeline.tradeoff.measure import Setup, measure_trade
+from pipeline.tradeoff.measure import Setup, measure_trade, stratified
 from pipeline.tradeoff.measured import END_TO_END, MeasuredTrade, read_trade
-from pipeline.tradeoff.sample import stratified
 from pipeline.tradeoff.trade_pictures import draw_trade
 from stages.registry import DATASET, TRADED
 

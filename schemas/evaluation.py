@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from schemas.base import Array
 
-VERSION = 5
+VERSION = 6
 
 
 @dataclass(frozen=True)

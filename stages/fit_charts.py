@@ -3,17 +3,17 @@
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import field_validator
 
 from pipeline.config.settings import ObjectSettings, setting
 from pipeline.dataset.object_rows import ObjectRows, is_surface, touch_sensor
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Trade, Unit
 from pipeline.kernels.charts.touch_chart import SIDE, FitOptions, StopRule, chart_square
-from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sensor_to_world
+from pipeline.kernels.touch.depth_maps import in_gel
+from pipeline.kernels.touch.sensor import check_pose, masked_points, sensor_to_world
 from pipeline.rng import torch_generator
 from pipeline.store.rows import Row
 from schemas.base import Artifact
@@ -21,15 +21,10 @@ from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
 from schemas.touch import TOUCH
 
-if TYPE_CHECKING:
-    from pipeline.models.touch_model import TouchModel
-
 NETWORKS = {"predicted": "models/unet", "local": "models/touch"}
 """The folders of the networks of `train-unet` and `train-touch`, below the data directory, by `cloud`."""
 TOUCHES = 18
 """Touches per object: nine in ten of the twenty sensors."""
-
-
 TIGHT_HALT = 2.3e-4
 """Sensor widths²: the part above the floor of 4000 samples (1e-4 to 1.6e-4) is about 100 µm."""
 TIGHT_RESIDUAL = 1e-4
@@ -117,43 +112,33 @@ class FitCharts(ObjectStage):
     @contextmanager
     def session(self, settings: ChartSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         """Load the network that the settings use; compute on one thread per worker, for results that do not depend on their number."""
+        from pipeline.kernels.charts.chart_fitting import fit_charts
         from pipeline.models.touch_model import load_touch_model
         from pipeline.training.device import torch_threads
 
+        model = load_touch_model(models[NETWORKS[settings.cloud]], "cpu") if settings.cloud in NETWORKS else None
+
+        def process(unit: Unit, inputs: Inputs) -> Row:
+            touch, sensor = inputs["touch"], touch_sensor(inputs["touch"].attributes)
+            poses, touched = inputs["grasps"]["sensor_pose"], inputs["grasps"]["touch_success"]
+            if model is None:
+                clouds = [masked_points(depth, in_gel(depth, sensor), sensor) for depth in touch["depth"][touched].astype(np.float64)]
+            else:
+                model.check_sensor(sensor)
+                clouds = model.clouds(touch["tactile_image"][touched])
+            generators = [torch_generator(unit.seed, unit.name, "fit-charts", *at) for at in np.argwhere(touched).tolist()]
+            fits = fit_charts(clouds, sensor.width, generators, aspect=sensor.aspect, options=settings.fit_options(sensor.width))
+            charts = np.tile(chart_square(settings.side, sensor.aspect)[0].numpy() * sensor.width, (*touched.shape, 1, 1))
+            charts[touched] = fits.vertices
+            vertices = [sensor_to_world(check_pose(poses[at]), *charts[at].T) for at in np.ndindex(touched.shape)]
+            row = {"vertices": np.stack(vertices).reshape(charts.shape).astype(np.float32)}
+            for name, nothing in (("residual", np.float32(0)), ("iterations", np.int32(0)), ("stop_rule", np.uint8(StopRule.no_touch))):
+                row[name] = np.full(touched.shape, nothing)
+                row[name][touched] = getattr(fits, name)
+            return row
+
         with torch_threads(1):
-            folder = models[NETWORKS[settings.cloud]] if settings.cloud in NETWORKS else None
-            model = load_touch_model(folder, "cpu") if folder else None
-            yield lambda unit, inputs: _process(unit, inputs, settings, model)
-
-
-def _process(unit: Unit, inputs: Inputs, settings: ChartSettings, model: "TouchModel | None") -> Row:
-    from pipeline.kernels.charts.chart_fitting import fit_charts
-
-    sensor = touch_sensor(inputs["touch"].attributes)
-    poses, touched = inputs["grasps"]["sensor_pose"], inputs["grasps"]["touch_success"]
-    clouds = _clouds(inputs, touched, sensor, model)
-    generators = [torch_generator(unit.seed, unit.name, "fit-charts", *at) for at in np.argwhere(touched).tolist()]
-    options = settings.fit_options(sensor.width)
-    fits = fit_charts(clouds, sensor.width, generators, aspect=sensor.aspect, options=options)
-    charts = np.tile(chart_square(settings.side, sensor.aspect)[0].numpy() * sensor.width, (*touched.shape, 1, 1))
-    charts[touched] = fits.vertices
-    vertices = [sensor_to_world(check_pose(poses[at]), *charts[at].T) for at in np.ndindex(touched.shape)]
-    row = {"vertices": np.stack(vertices).reshape(charts.shape).astype(np.float32)}
-    for name, nothing in (("residual", np.float32(0)), ("iterations", np.int32(0)), ("stop_rule", np.uint8(StopRule.no_touch))):
-        row[name] = np.full(touched.shape, nothing)
-        row[name][touched] = getattr(fits, name)
-    return row
-
-
-def _clouds(inputs: Inputs, touched: NDArray[np.bool_], sensor: Sensor, model: "TouchModel | None") -> list[NDArray[np.float64]]:
-    """Predict the points (n, 3) of each touch by a network; without one, those with D < w. Sensor frame, m."""
-    from pipeline.kernels.touch.depth_maps import in_gel
-
-    touch = inputs["touch"]
-    if model is None:
-        return [masked_points(depth, in_gel(depth, sensor), sensor) for depth in touch["depth"][touched].astype(np.float64)]
-    model.check_sensor(sensor)
-    return model.clouds(touch["tactile_image"][touched])
+            yield process
 
 
 def residuals(data: Path, reference: Path) -> dict[str, float]:

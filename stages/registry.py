@@ -1,22 +1,29 @@
-"""Every stage by name, in the order of the pipeline and then those of plugins, and the settings that a user chooses for it.
+"""Every stage by name, in the order of the pipeline and then those of plugins; settings and requests from what a user names.
 
 `load_stage` imports a stage's modules.
 """
 
+import os
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from importlib import import_module
 from importlib.metadata import EntryPoint
+from pathlib import Path
 from typing import Any
 
 import yaml
 from pydantic import ValidationError
 
 from pipeline import plugins
+from pipeline.config.manifest import load_manifest
 from pipeline.config.settings import Settings, load_presets
+from pipeline.console import CONTROLS
+from pipeline.engine.plan import Request
 from pipeline.engine.stage import DatasetStage, ObjectStage, Trade
-from pipeline.errors import InvalidInput, PipelineError, StageError, unknown_name
+from pipeline.errors import InvalidInput, PipelineError, StageError, closest_name, unknown_name
 from pipeline.formats.description_file import invalid_entries
+from pipeline.formats.file_content import expanded
+from pipeline.store.storage import Location, as_location, on_disk
 from schemas.catalogue import ARTIFACTS
 
 BUILT_IN = {
@@ -117,6 +124,12 @@ def resolve(
         raise InvalidInput(f"settings of {stage}: {faults}") from error
 
 
+def assignment(name: str, value: Any) -> str:
+    """Write a setting and its value as `--set` takes them."""
+    text: str = yaml.safe_dump(value, default_flow_style=True, width=10**6)
+    return f"{name}=" + text.rstrip().removesuffix("\n...")  # YAML ends the document after a number or a word
+
+
 def check_assignments(preset: str, assignments: Sequence[str], stage: str) -> None:
     """Check the assignments to other stages, as `resolve` does, before the first one, `stage`, runs.
 
@@ -149,3 +162,58 @@ def _value(assignment: str, text: str) -> Any:
         return yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:  # a date of month 99 is a ValueError
         raise InvalidInput(f"--set {assignment}: {text!r} is not valid YAML: {error}") from error
+
+
+def make_request(
+    stage: str,  # a key of `STAGES`
+    manifest: str = "toy",  # name or path
+    preset: str = "draft",
+    *,
+    data: str | Location | None = None,
+    objects: Path | None = None,  # folder of meshes, for manifests that name none
+    assignments: Iterable[str] = (),  # as `--set` takes them
+    seed: int | None = None,  # by default the manifest's
+    units: str | None = None,
+    up: str | None = None,
+    **run: Any,  # further parameters of a `Request`
+) -> Request[Any]:
+    """Make the request of a run; an `InvalidInput` names what cannot be used."""
+    if stage not in STAGES:
+        raise InvalidInput(unknown_name("stage", stage, STAGES))
+    loaded, assigned = load_stage(stage), tuple(assignments)
+    where = as_location(default_location(manifest, objects) / preset if data is None else data)
+    _check_writable(where)
+    objects = objects and expanded(objects)
+    settings = resolve(stage, preset, assigned)
+    check_assignments(preset, assigned, stage)
+    described = load_manifest(manifest).with_units(units, up)
+    items = described.objects(objects)
+    if (only := run.get("only")) is not None and only not in (names := [item.object_id for item in items]):
+        guess = closest_name(only, names)
+        raise InvalidInput(f"manifest {described.name} has no object {only}" + (f", did you mean {guess}?" if guess else ""))
+    named = {"--manifest": None if manifest == described.name else manifest, "--objects": objects, "--units": units, "--up": up}
+    return Request(
+        stage=loaded,
+        settings=settings,
+        manifest=described.name,
+        objects=items,
+        preset=preset,
+        seed=described.seed if seed is None else seed,
+        data=where,
+        options={option: str(value) for option, value in named.items() if value is not None and not CONTROLS.search(str(value))},
+        **run,
+    )
+
+
+def default_location(manifest: str, objects: Path | None) -> Path:
+    """Name the default data directory; it contains the name of a folder of meshes, so that two folders do not share it."""
+    return Path("data") / (Path(manifest).stem + (f"-{Path(os.path.abspath(objects)).name}" if objects else ""))
+
+
+def _check_writable(data: Location) -> None:
+    if folder := on_disk(data):
+        existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+        if not existing.is_dir():
+            raise InvalidInput(f"--data {data}: {existing} is a file; name a folder")
+        if existing != folder and not os.access(existing, os.W_OK):
+            raise InvalidInput(f"--data {data} cannot be made: {existing} may not be written to; name another folder")

@@ -127,7 +127,7 @@ class ImplicitLearner(ReconstructionLearner):
         """Read items as every family does, some of them at a wrong pose if the settings ask for it."""
         import torch
 
-        from pipeline.training.augmentation import draw_misplacement, misplace
+        from pipeline.training.items import draw_misplacement, misplace
 
         batch, deviation = super().read(items, generators), self.settings.placement_error
         if not deviation:

@@ -180,13 +180,13 @@ class PressLearner(Learner):
 
     def _compare(self, network: nn.Module, windows: Windows, *, uncropped: bool) -> tuple[LocalShape, Tensor]:
         """Read windows; whole presses as a sensor's photographs, parts of them with the true depth at their rims."""
-        from pipeline.kernels.networks.local_network import GelState, local_loss
+        from pipeline.kernels.networks.local_network import local_loss
 
         parameter, sensor = next(network.parameters()), self.train.sensor
         pitch = (MM * sensor.pitch[0], MM * sensor.pitch[1])
-        truth = GelState(windows.depth.to(parameter), windows.contact.to(parameter.device))
-        shape = network(windows.change.to(parameter), windows.position.to(parameter), pitch, None if uncropped else truth.depth)
-        return shape, local_loss(shape, truth, pitch)
+        depth, contact = windows.depth.to(parameter), windows.contact.to(parameter.device)
+        shape = network(windows.change.to(parameter), windows.position.to(parameter), pitch, None if uncropped else depth)
+        return shape, local_loss(shape, depth, contact, pitch)
 
 
 def _stacked(windows: Sequence[Windows]) -> Windows:

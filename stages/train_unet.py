@@ -103,7 +103,7 @@ class UnetLearner(Learner):
 
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Read training touches: tactile images (B, H, W, 3), depths (B, H, W), m, and the images, varied."""
-        from pipeline.training.augmentation import vary_image
+        from pipeline.training.items import vary_image
 
         images, depths = self.train.read(items)
         return images, depths, np.stack([vary_image(image, self.settings, rng) for image, rng in zip(images, generators, strict=True)])

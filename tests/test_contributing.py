@@ -43,7 +43,7 @@ from pipeline.cli import app
 from pipeline.console import console, show_tables
 from pipeline.engine.plan import Request
 from pipeline.engine.make import plans
-from pipeline.tables.results import results_tables
+from pipeline.contrib.report.results import results_tables
 from pipeline.store.directory import DataDirectory
 from stages.registry import load_stage, resolve
 from tests.stages import ball_dataset as balls

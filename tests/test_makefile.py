@@ -13,8 +13,7 @@ import pytest
 
 from pipeline.engine.stage import ObjectStage
 from pipeline.models.families import FAMILIES, ROWS
-from stages.registry import STAGES, load_stage
-from stages.request import default_location
+from stages.registry import STAGES, default_location, load_stage
 
 ROOT = Path(__file__).parents[1]
 

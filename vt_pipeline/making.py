@@ -12,9 +12,7 @@ from pipeline.engine.make import make as make_outputs
 from pipeline.engine.plan import Made
 from pipeline.engine.worker_processes import WorkerProcesses
 from pipeline.reconstruct.observation_file import RobotObservation
-from pipeline.tradeoff.sweep import assignment
-from stages.registry import DATASET
-from stages.request import make_request
+from stages.registry import DATASET, assignment, make_request
 
 if TYPE_CHECKING:
     from pipeline.reconstruct.predict import Prediction

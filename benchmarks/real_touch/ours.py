@@ -2,7 +2,7 @@
 
 from benchmarks.real_touch.photograph_sets import PhotographSet
 from pipeline.contrib.calibration.calibrate_sensor import uncalibrated_sensor
-from pipeline.kernels.touch.colour_fit import FIT_FOR_DEPTH, fit_colours
+from pipeline.contrib.calibration.colour_fit import FIT_FOR_DEPTH, fit_colours
 from pipeline.kernels.touch.sensor import Sensor
 
 THICKNESS = 4e-3

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from pydantic import Field
 from skimage.draw import polygon2mask
 
+from pipeline.contrib.calibration.ball_contact import Circle, Photograph
+from pipeline.contrib.calibration.find_contact import find_contact
 from pipeline.entries import Entries
 from pipeline.formats.image_file import read_image
-from pipeline.kernels.touch.ball_contact import Circle, Photograph
-from pipeline.kernels.touch.find_contact import find_contact
 
 SETS = Path(__file__).parent / "sets"
 ANNOTATED = 0.85

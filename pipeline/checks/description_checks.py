@@ -18,7 +18,7 @@ from pipeline.formats.file_content import expanded
 from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh_cleaning import POSITION
-from pipeline.kernels.touch.colour_fit import fitted_range, slope_degrees
+from pipeline.kernels.touch.calibrated_shading import fitted_range, slope_degrees
 from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.pressed_gel import normal_force, press_gel
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres

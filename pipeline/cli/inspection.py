@@ -128,8 +128,8 @@ def validate(
     """
     from pipeline.cli.share import print_comparison
     from pipeline.drawing.written_files import report_problems
+    from pipeline.recipes.dataset_recipe import compare
     from pipeline.recipes.recipe import read_recipe
-    from pipeline.recipes.recipe_comparison import compare
     from pipeline.store.validate import problems_below
 
     expected = read_recipe(recipe) if recipe else None

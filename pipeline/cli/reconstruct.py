@@ -110,9 +110,9 @@ def score(
 
     Each file that is missing, unreadable or not in the world's frame is named, and then nothing is written.
     """
-    from pipeline.reconstruct.score import score as measure
     from pipeline.tables.evaluation_tables import evaluation_tables
     from stages.evaluate.evaluation_files import METRICS
+    from stages.evaluate.scores import score as measure
 
     directory = DataDirectory(data)
     results = directory.verified_folder(measure(folder, directory.root, console, name=name, grasps=grasps, misplaced=misplaced))

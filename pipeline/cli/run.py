@@ -16,8 +16,7 @@ from pipeline.engine.make import make
 from pipeline.engine.plan import Made
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location
-from stages.registry import STAGES
-from stages.request import make_request
+from stages.registry import STAGES, make_request
 
 complete_stage = options.complete(lambda: STAGES)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from inspect import signature
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,8 +18,8 @@ from pipeline.cli.run import print_made
 from pipeline.console import abbreviate, console, pluralise, print_lines
 from pipeline.engine.make import make
 from pipeline.formats.file_content import expanded
+from pipeline.recipes.dataset_recipe import Comparison, compare, recipe_of
 from pipeline.recipes.recipe import read_recipe
-from pipeline.recipes.recipe_comparison import Comparison, compare
 from pipeline.store.atomic import UNFINISHED, atomic_writes
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location, list_folder, on_disk
@@ -42,8 +43,6 @@ def recipe(
 
     `vt-pipeline remake` makes the dataset from it again. Redirect it into a file, such as my.recipe.yaml.
     """
-    from pipeline.recipes.recipe_writing import recipe_of
-
     typer.echo(recipe_of(as_location(data), manifest, objects, units=units, up=up, files_url=files_url, full_digests=rows).text(), nl=False)
 
 
@@ -68,16 +67,18 @@ def remake(
 
     published, where = read_recipe(recipe), as_location(data)
     description_folder = expanded(descriptions) if descriptions else (folder / "descriptions" if (folder := on_disk(where)) else None)
-    prepared = prepare_remake(published, objects and expanded(objects), description_folder, sample)
-    if prepared.sampled and any(DataDirectory(where).artifact_names()):
+    requests = prepare_remake(published, where, objects and expanded(objects), description_folder, sample)
+    names = [item.object_id for item in requests[0].objects]
+    sampled = len(names) < len(published.rows)
+    if sampled and any(DataDirectory(where).artifact_names()):
         fail(f"--data {where} holds a dataset, whose other rows a sample would replace; name a new folder")
     differences = reasons(published)
-    print_lines(f"{recipe}: {pluralise(len(prepared.items))} of {len(published.rows)} to make; their sources are those of the recipe")
+    print_lines(f"{recipe}: {pluralise(len(names))} of {len(published.rows)} to make; their sources are those of the recipe")
     print_lines(*(f"  {line}" for line in differences))
     with options.make_executor(executor, workers, None) as processes:
-        for request in prepared.requests(where, shards, processes):
-            make(request, console, report=print_made)
-    comparison = compare(published, DataDirectory(where), [item.object_id for item in prepared.items] if prepared.sampled else None)
+        for request in requests:
+            make(replace(request, shards=shards, executor=processes), console, report=print_made)
+    comparison = compare(published, DataDirectory(where), names if sampled else None)
     if print_comparison(comparison, recipe):
         return
     for line in differences or ["code and libraries are those of the recipe: then a setting or digest in it is wrong, or the processor"]:

@@ -25,8 +25,7 @@ from pipeline.errors import StageError, unknown_name
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location, on_disk
 from pipeline.tradeoff import sweep as sweeps
-from stages.registry import DATASET, STAGES, TRADED, load_stage, resolve
-from stages.request import default_location, make_request
+from stages.registry import DATASET, STAGES, TRADED, assignment, default_location, load_stage, make_request, resolve
 
 if TYPE_CHECKING:  # the commands below import these when they are called: scipy and matplotlib take most of a second
     from pipeline.tradeoff.advice import Choice, Workload
@@ -54,7 +53,6 @@ def tradeoff(
     """
     from pipeline.tradeoff.end_to_end import measure_end_to_end
     from pipeline.tradeoff.measure import LONGEST, Setup, forecast, measure_trade, stages_before
-    from pipeline.tradeoff.sample import affordable
 
     stage_names = tuple(stages or DATASET)
     if strange := [name for name in stage_names if name not in TRADED]:
@@ -74,7 +72,7 @@ def tradeoff(
     def foreseen(setup: Setup) -> float:
         """Foresee the seconds of the stages with all their candidates, and of the stages before them once."""
         before = {name for stage in stage_names for name in stages_before(stage, setup)}
-        inputs = sum(setup.seconds(name, setup.settings(name)) for name in before)
+        inputs = sum(map(setup.seconds, before))
         return inputs + sum(forecast(stage, setup, LONGEST * seconds)[0] for stage in stage_names)
 
     trades = []
@@ -82,7 +80,7 @@ def tradeoff(
         trades.append(measure_end_to_end(setup, seconds, console))
         _show(trades[0], request.data)
     else:
-        setup = setup.with_objects(affordable(request.objects, request.seed, seconds, lambda sample: foreseen(setup.with_objects(sample))))
+        setup = setup.affordable(seconds, foreseen)
         about = f"about {max(foreseen(setup) / 60, 0.1):.1f} min on {pluralise(len(setup.objects))}"
         print_lines(f"{', '.join(stage_names)}: {about}, less what is measured already")
         for stage in stage_names:
@@ -151,13 +149,13 @@ def advise(
 
 def _current(setup: Setup) -> list[MeasuredTrade]:
     """Read the trades that were measured with these settings and this code; fail if one that makes a dataset is missing."""
-    from pipeline.tradeoff.measure import trade_key
+    from pipeline.tradeoff.measure import stage_key
     from pipeline.tradeoff.measured import read_trade
 
     trades = []
     for stage in TRADED:
         trade = read_trade(setup.data, stage)
-        if trade is not None and trade.points and trade.key == trade_key(stage, setup):
+        if trade is not None and trade.points and trade.key == stage_key(stage, setup):
             trades.append(trade)
         elif trade is not None or stage in DATASET:
             how = "not measured yet" if trade is None else "measured with other settings or other code"
@@ -206,7 +204,7 @@ def sweep(
         fail(f"the supplement has no grid for {stage}: name one, --grid learning_rate=1e-3,2e-3")
 
     def settings_of(point: Mapping[str, Any]) -> Settings:
-        varied = [f"{stage}.{sweeps.assignment(setting, value)}" for setting, value in point.items()]
+        varied = [f"{stage}.{assignment(setting, value)}" for setting, value in point.items()]
         return resolve(stage, preset, [*(assignments or ()), *varied])
 
     every_point = sweeps.grid_points(_grid(grid) if grid else default_grid)

@@ -4,7 +4,7 @@ import hashlib
 import os
 import re
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -47,8 +47,11 @@ def find_objects(
         homes[_home(file)].append(file)
     loose = homes.pop((), [])
     single = {home for home, meshes in homes.items() if layout == "folders" or (layout is None and len(_names(meshes)) < 2)}
-    if layout is None and not (len(single) > len(homes) / 2 and (len(single) > 1 or _named_by_folder(homes))):
+    if layout is None and len(single) <= len(homes) / 2:
         single = set()
+    elif layout is None and len(single) == 1:  # one object, if its file is called as the folder, or anything
+        home = next(iter(homes))
+        single = single if _names(homes[home]) <= {home[-1].lower()} else set()
     objects, others = [_by_file(file) for file in loose], []
     for home, meshes in homes.items():
         if home in single:
@@ -57,6 +60,8 @@ def find_objects(
             others += [file for file in meshes if file is not best]
         else:
             objects += [_by_file(file) for file in meshes]
+    repeated = Counter(item.name for item in objects)
+    objects = [item if repeated[item.name] == 1 else item._replace(name=f"{item.name}-{item.file.suffix[1:].lower()}") for item in objects]
     remarks = list[str]()
     if single:
         example = next(item for item in objects if item.file.parent.parts)
@@ -67,20 +72,13 @@ def find_objects(
     if others:
         names = [file.as_posix() for file in sorted(others)]
         remarks.append(f"skipped {pluralise(len(names), 'file')} ({abbreviate(names)}): another mesh of the same object is taken")
-    repeated = Counter(item.name for item in objects)
-    unique = [item if repeated[item.name] == 1 else item._replace(name=f"{item.name}-{item.file.suffix[1:].lower()}") for item in objects]
-    return unique, remarks
+    return objects, remarks
 
 
 def as_name(*parts: str) -> str:
     """Write parts of a path as an object id: joined by dashes, other characters replaced; a part that is not ASCII gets its hash."""
-    return "-".join(map(_ascii, parts))
-
-
-def _ascii(part: str) -> str:
-    name = re.sub(r"[^A-Za-z0-9._-]+", "_", part)
-    digest = hashlib.sha256(os.fsencode(part)).hexdigest()
-    return name if part.isascii() else f"{name}-{digest[:8]}"
+    hashes = ("" if part.isascii() else f"-{hashlib.sha256(os.fsencode(part)).hexdigest()[:8]}" for part in parts)
+    return "-".join(re.sub(r"[^A-Za-z0-9._-]+", "_", part) + digest for part, digest in zip(parts, hashes, strict=True))
 
 
 def _by_file(file: Path) -> MeshFile:
@@ -98,11 +96,6 @@ def _names(files: Sequence[Path]) -> set[str]:
     """Collect the names of files, without those for collisions unless there are no others."""
     visible = [file for file in files if not _collides(file)] or files
     return {file.stem.lower() for file in visible} - GENERIC
-
-
-def _named_by_folder(homes: Mapping[tuple[str, ...], Sequence[Path]]) -> bool:
-    home, files = next(iter(homes.items()))
-    return _names(files) <= {home[-1].lower()}
 
 
 def _collides(file: Path) -> bool:

@@ -165,7 +165,7 @@ class _Worker:
 
 def _serve(connection: Connection) -> None:
     """Process what the parent sends until it closes the connection."""
-    threading.Thread(target=end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(EOFError, ConnectionError):
         while True:
             reply: tuple[Any, Exception | None]
@@ -181,7 +181,7 @@ def _serve(connection: Connection) -> None:
     os._exit(0)  # an orderly exit of the interpreter takes half a second
 
 
-def end_with_parent() -> None:
+def _end_with_parent() -> None:
     """End this process when its parent was killed, even in the middle of a unit."""
     parent = multiprocessing.parent_process()
     assert parent

@@ -15,11 +15,9 @@ from pipeline.console import NAMED, pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import Kind, description_path, read_yaml, shipped_files, texts_in
 from pipeline.formats.file_content import read_file
-from pipeline.formats.hand_file import load_hand
-from pipeline.formats.mesh_companions import MAX_BYTES, Companions
-from pipeline.formats.sensor_file import sensor_files, sensor_names
-from pipeline.formats.urdf import parse_urdf
-from pipeline.formats.urdf_shapes import mesh_path
+from pipeline.formats.hand_listing import list_hand
+from pipeline.formats.mesh_companions import MAX_BYTES
+from pipeline.formats.sensor_file import sensor_files
 from pipeline.recipes.recipe import MAX_TEXTS, TEXT_SUFFIXES, Recipe, check_file_name
 from pipeline.store.atomic import refuse_links, write_atomically
 
@@ -35,7 +33,7 @@ def own_names(settings: Mapping[str, Any]) -> Iterator[tuple[Kind, str]]:
     for setting, kind in DESCRIBED.items():
         value = settings.get(setting)
         for name in value if isinstance(value, list | tuple) else [value]:
-            if name is not None and name not in shipped_files(kind):
+            if isinstance(name, str) and name not in shipped_files(kind):
                 yield kind, name
 
 
@@ -48,14 +46,9 @@ def with_names(settings: Mapping[str, Any], rename: Callable[[str, Any], Any]) -
     return changed
 
 
-def own_path(kind: Kind, name: str) -> Path:
-    """Find a description file of the user's own, links followed, as hand files are read."""
-    return description_path(kind, name).resolve()
-
-
 def find_files(settings: Iterable[Mapping[str, Any]]) -> dict[str, Path]:
     """Find the files of the user's own that stages with these settings read, by their paths below the folder that holds all of them."""
-    paths = {path.resolve() for values in settings for kind, name in own_names(values) for path in _files(kind, name, values)}
+    paths = {path.resolve() for values in settings for kind, name in own_names(values) for path in _files(kind, name)}
     if not paths:
         return {}
     root = os.path.commonpath([path.parent for path in paths])
@@ -68,19 +61,17 @@ def find_files(settings: Iterable[Mapping[str, Any]]) -> dict[str, Path]:
     return names
 
 
-def _files(kind: Kind, name: str, settings: Mapping[str, Any]) -> Iterator[Path]:
+def _files(kind: Kind, name: str) -> Iterator[Path]:
     if kind == "sensor":
         yield from sensor_files([name])
-        return
-    yield own_path(kind, name)
-    if kind == "hand":
-        hand = load_hand(name)
-        files = [file.resolve() for file in hand.files[1:]]
-        yield from files
-        for path in files:  # each in a package, of which this is the mark
-            yield from [file for folder in path.parents if (file := folder / "package.xml").is_file()][:1]
-        if "sensor" in settings and settings["sensor"] is None:
-            yield from sensor_files([sensor for sensor in sensor_names(hand) if sensor not in shipped_files("sensor")])
+    elif kind == "scene":
+        yield description_path(kind, name)
+    else:
+        hand = list_hand(name)
+        yield from hand.files
+        for path in hand.files[1:]:  # each in a package, of which this is the mark
+            yield from [file for folder in path.resolve().parents if (file := folder / "package.xml").is_file()][:1]
+        yield from sensor_files([sensor for sensor in hand.sensors if sensor not in shipped_files("sensor")])
 
 
 def read_files(files: Mapping[str, Path]) -> tuple[dict[str, str], dict[str, str]]:
@@ -90,8 +81,8 @@ def read_files(files: Mapping[str, Path]) -> tuple[dict[str, str], dict[str, str
     """
     texts, digests = dict[str, str](), dict[str, str]()
     for name, path in files.items():
-        if outside := next(_outside(path, Path(name).parts), None):
-            raise InvalidInput(f"{path} names {outside!r}: write it relative to this file; then run the stages again")
+        if outside := _names_outside(path, name):
+            raise InvalidInput(f"{path} names {outside[0]!r}: write it relative to this file; then run the stages again")
         content = read_file(path, MAX_BYTES)
         if len(content) <= MAX_TEXT and name.endswith(TEXT_SUFFIXES) and len(texts) < MAX_TEXTS:
             with suppress(UnicodeDecodeError):
@@ -127,37 +118,25 @@ def place_files(recipe: Recipe, folder: Path) -> None:
                 write_atomically(folder / name, text.encode())
             except OSError as error:
                 raise InvalidInput(f"{folder / name} cannot be written ({error.strerror}); name another folder: --descriptions") from error
+    hands = {name for stage in recipe.stages.values() for kind, name in own_names(stage.settings) if kind == "hand" and name in digests}
     for name in digests:
-        if outside := next(_outside(folder / name, Path(name).parts), None):
-            raise InvalidInput(f"the recipe's {name} names {outside!r}, which may lie outside the folder of its files; do not use it")
+        outside = _names_outside(folder / name, name)
+        if name in hands and not outside:
+            with suppress(InvalidInput):  # one that cannot be used is named when the settings are checked
+                outside = [str(file) for file in list_hand(folder / name).files if not file.resolve().is_relative_to(folder.resolve())]
+        if outside:
+            raise InvalidInput(f"the recipe's {name} names {outside[0]!r}, which may lie outside the folder of its files; do not use it")
 
 
-def _outside(file: Path, parts: tuple[str, ...]) -> Iterator[str]:
-    """List paths in a file that lie outside the folder `len(parts)` levels above it: a reader of the YAML could open them."""
+def _names_outside(
+    file: Path,
+    name: str,  # its path below the folder of a recipe's files
+) -> list[str]:
+    """List paths in a YAML file that lie outside the folder of a recipe's files: a reader of the YAML could open them."""
     try:
         content = read_yaml(file)
     except (InvalidInput, RecursionError):
-        return
-    if not isinstance(content, dict):
-        return
-    folder = "/".join(parts[:-1])
-    for text in texts_in(content):
-        if text.startswith(("/", "~")) or os.path.normpath(f"{folder or '.'}/{text}").split("/")[0] == "..":
-            yield text
-    urdf = content.get("urdf")
-    if isinstance(urdf, str) and os.path.isfile(file.parent / urdf):
-        yield from _meshes_outside(file.parent / urdf, file.parents[len(parts) - 1].resolve())
-
-
-def _meshes_outside(urdf: Path, root: Path) -> Iterator[str]:
-    """List a URDF's meshes and their textures that lie outside a folder; files that its reader refuses to open are skipped."""
-    with suppress(InvalidInput):
-        for mesh in parse_urdf(urdf).iter("mesh"):
-            name = mesh.get("filename", "")
-            with suppress(InvalidInput, OSError):
-                path, package = mesh_path(name, urdf.parent)
-                if not path.resolve().is_relative_to(root):
-                    yield name
-                else:
-                    beside = Companions(path, package).paths
-                    yield from (named for named, file in beside.items() if not file.is_relative_to(root))
+        return []
+    texts = texts_in(content) if isinstance(content, dict) else ()
+    folder = os.path.dirname(name) or "."
+    return [text for text in texts if text.startswith(("/", "~")) or os.path.normpath(f"{folder}/{text}").split("/")[0] == ".."]

@@ -22,7 +22,6 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, parse_yaml
 from pipeline.formats.file_content import read_text
 from pipeline.store import digest
-from pipeline.store.directory import shard_of
 from pipeline.store.record import Name, Sha256, Text
 
 MAX_BYTES = 2**28
@@ -62,37 +61,31 @@ class RecipeRow(NamedTuple):
     digests: tuple[str, ...]  # of its row in the artifact of each stage, or their beginnings
 
 
+def check_file_name(name: str) -> str:
+    """Refuse a name that is no path below a folder, or that of a hidden file."""
+    parts = name.split("/")
+    odd = "" in parts or any(part.startswith(".") for part in parts) or name.startswith("~") or "\\" in name or CONTROLS.search(name)
+    if odd or len(name.encode()) > MAX_NAME_BYTES:
+        rule = f"without .., ~, a leading /, hidden or odd names, of at most {MAX_NAME_BYTES} bytes"
+        raise ValueError(f"{name[:80]!r} must be a path below its folder, {rule}")
+    return name
+
+
 def _with_safe_paths(manifest: Manifest) -> Manifest:
     """Refuse sources that name files outside the folder that the user gives, or outside the package that holds them."""
     for source in manifest.sources:
         names: list[str | None] = []
-        match source:
-            case Pybullet():
-                names = [entry.file for entry in source.files.values()]
-            case ShapeNet():
-                names = [*source.synsets.values(), source.renderings, None if source.meshes == "." else source.meshes]
         if isinstance(source, FolderSource) and source.path is not None:
-            names += [str(source.path)]
             if len(source.path.parts) != 1:
                 raise ValueError(f"path {str(source.path)[:80]!r} of a source must be the name of a folder")
-        for name in names:
-            if name is not None and not _is_below(name):
-                problem = f"{name[:80]!r} of a {source.kind} source must be a path below its folder"
-                raise ValueError(f"{problem}, without .., ~ or a leading /, of at most {MAX_NAME_BYTES} bytes")
+            names.append(str(source.path))
+        if isinstance(source, Pybullet):
+            names += [entry.file for entry in source.files.values()]
+        if isinstance(source, ShapeNet):
+            names += [*source.synsets.values(), source.renderings, None if source.meshes == "." else source.meshes]
+        for name in filter(None, names):
+            check_file_name(name)
     return manifest
-
-
-def _is_below(name: str) -> bool:
-    if len(name.encode()) > MAX_NAME_BYTES or name.startswith("~"):
-        return False
-    return "\0" not in name and "\\" not in name and not {"", ".", ".."} & set(name.split("/"))
-
-
-def check_file_name(name: str) -> str:
-    """Refuse a name that is no path below the folder of a recipe's files, or that of a hidden file."""
-    if not _is_below(name) or "/." in f"/{name}" or CONTROLS.search(name):
-        raise ValueError(f"{name[:80]!r} must be a path below the folder of the recipe's files, without hidden or odd names")
-    return name
 
 
 def _check_text_name(name: str) -> str:
@@ -204,15 +197,3 @@ def read_recipe(path: Path) -> Recipe:
 def object_lines(rows: Iterable[tuple[str, RecipeRow]]) -> str:
     """Write the lines of objects, in order of their ids."""
     return "".join(f"{name} {row.source} {' '.join(row.digests)}\n" for name, row in sorted(rows))
-
-
-def roots_of(
-    rows: Mapping[str, tuple[str, str]],  # the digest of each object's row, and its split
-    constants: str,  # digest of the arrays without an object dimension
-    shards: int,  # to compute with, whatever number they are stored in
-) -> tuple[str, ...]:
-    """Compute the root of each shard."""
-    members: list[list[tuple[str, str]]] = [[] for _ in range(shards)]
-    for name, (row_digest, split) in rows.items():
-        members[shard_of(name, shards)].append((name, f"{row_digest} {split}"))
-    return tuple(digest.of_rows(members[number], {"constants": constants}) for number in range(shards))

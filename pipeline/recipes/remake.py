@@ -1,8 +1,7 @@
 """Make a dataset again from its recipe; everything is checked before anything runs."""
 
 import secrets
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,50 +12,25 @@ from pipeline.config.manifest import Manifest, Object
 from pipeline.config.settings import Settings, load_presets
 from pipeline.console import NAMED, abbreviate, pluralise
 from pipeline.engine import keys
-from pipeline.engine.executor import Executor, Serial
 from pipeline.engine.plan import Request
 from pipeline.errors import InvalidInput, unknown_name
 from pipeline.formats.description_file import invalid_entries, shipped_files
+from pipeline.recipes.dataset_recipe import source_hash
 from pipeline.recipes.own_files import DESCRIBED, place_files, with_names
 from pipeline.recipes.recipe import Recipe
-from pipeline.recipes.recipe_writing import source_hash
 from pipeline.store.record import PHYSICS, library_versions
 from pipeline.store.storage import Location
 from stages.registry import DATASET, load_stage, resolve
 
 
-@dataclass(frozen=True)
-class Remake:
-    """A recipe that is ready to run, with the user's folders; nothing has been run."""
-
-    recipe: Recipe
-    items: Sequence[Object]  # its objects, or a sample of them
-    settings: Mapping[str, Settings]  # by stage
-    sampled: bool = False  # `items` are a sample
-
-    def requests(self, data: Location, shards: int | None = None, executor: Executor | None = None) -> Iterator[Request[Any]]:
-        """Yield the request of each stage in turn."""
-        for name, settings in self.settings.items():
-            yield Request(
-                stage=load_stage(name),
-                settings=settings,
-                manifest=self.recipe.manifest.name,
-                objects=self.items,
-                preset=self.recipe.preset,
-                seed=self.recipe.seed,
-                data=data,
-                shards=shards,
-                executor=executor or Serial(),
-            )
-
-
 def prepare_remake(
     recipe: Recipe,  # possibly from an untrusted source
+    data: Location,  # where to make it
     objects: Path | None = None,  # folder of its meshes; of the folders, where the recipe names several
     descriptions: Path | None = None,  # for hand, sensor and scene files of no package; the recipe's are written there
     sample: int | None = None,  # how many objects, drawn at random
-) -> Remake:
-    """Check everything that a recipe needs before anything is made.
+) -> list[Request[Any]]:
+    """Check everything that a recipe needs before anything is made, and make the request of each stage in turn.
 
     An `InvalidInput` names a source, setting or description file that is missing or is not that of the recipe, and what
     to do.
@@ -67,13 +41,13 @@ def prepare_remake(
         place_files(recipe, descriptions)
     settings = {name: _settings(recipe, name, descriptions) for name in recipe.stages}
     _check_stages(recipe)
-    manifest = _with_folders(recipe.manifest, objects)
-    items = _listed(recipe, manifest, objects)
+    items = _listed(recipe, objects)
     if sample is not None and sample < len(items):
         drawn = set(secrets.SystemRandom().sample([item.object_id for item in items], sample))
         items = [item for item in items if item.object_id in drawn]
     _check_sources(recipe, items)
-    return Remake(recipe, items, settings, sampled=len(items) < len(recipe.rows))
+    name, preset, seed = recipe.manifest.name, recipe.preset, recipe.seed
+    return [Request(load_stage(stage), chosen, name, items, preset, seed, data) for stage, chosen in settings.items()]
 
 
 def _check_stages(recipe: Recipe) -> None:
@@ -133,28 +107,19 @@ def _version_remedy(recipe: Recipe) -> str:
     return f"install vt-pipeline {recipe.versions.get('vt-pipeline', 'as the recipe says')}"
 
 
-def _with_folders(manifest: Manifest, objects: Path | None) -> Manifest:
-    """Resolve the folders that the recipe names below the user's folder."""
-    named = [source.path for source in manifest.sources if isinstance(source, FolderSource) and source.path]
-    if named and objects is None:
-        raise InvalidInput(
-            f"the recipe takes meshes from folders {abbreviate(list(map(str, named)))}; give what holds them: --objects FOLDER"
-        )
-    changed = [
-        source.model_copy(update={"path": objects / source.path})
-        if isinstance(source, FolderSource) and source.path and objects
-        else source
-        for source in manifest.sources
-    ]
-    return manifest.model_copy(update={"sources": tuple(changed)})
-
-
-def _listed(recipe: Recipe, manifest: Manifest, objects: Path | None) -> list[Object]:
+def _listed(recipe: Recipe, objects: Path | None) -> list[Object]:
     """List the objects, which must be those of the recipe: others would change how splits are drawn."""
-    folders = [source for source in manifest.sources if isinstance(source, FolderSource)]
-    root = None if any(source.path for source in folders) or not folders else objects
+    folders = [source for source in recipe.manifest.sources if isinstance(source, FolderSource)]
+    named = [str(source.path) for source in folders if source.path]
+    if named and objects is None:
+        raise InvalidInput(f"the recipe takes meshes from folders {abbreviate(named)}; give what holds them: --objects FOLDER")
     if objects is not None and not folders:
-        raise InvalidInput(f"the recipe of {manifest.name} names its own objects; leave --objects out")
+        raise InvalidInput(f"the recipe of {recipe.manifest.name} names its own objects; leave --objects out")
+    sources = [
+        item.model_copy(update={"path": objects / item.path}) if objects and isinstance(item, FolderSource) and item.path else item
+        for item in recipe.manifest.sources
+    ]
+    manifest, root = recipe.manifest.model_copy(update={"sources": tuple(sources)}), None if named else objects
     listed_ids = {item.object_id for source in manifest.sources for item in source.find(root if isinstance(source, FolderSource) else None)}
     if missing := sorted(recipe.rows.keys() - listed_ids):
         raise InvalidInput(

@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from PIL import Image
 from rich.console import Console
 
-from pipeline.config.manifest import load_manifest
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.drawing.views import fitted_camera
 from pipeline.engine.make import make
-from pipeline.engine.plan import Request
 from pipeline.errors import StageError
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.mesh import Look, Mesh, sample_triangles
@@ -29,7 +27,7 @@ from pipeline.reconstruct.mesh_files import ClosedMesh
 from pipeline.reconstruct.predict import Prediction, PredictOptions, StoredGrasps, predict
 from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
-from stages.registry import DATASET, load_stage, resolve
+from stages.registry import DATASET, make_request
 from stages.render_vision.renderer import Renderer
 
 MANIFEST, OBJECT = "toy", "bottle-0001"
@@ -60,9 +58,9 @@ def demo(folder: Path, console: Console) -> Demo:
     models, data = shipped_models(), folder / "data"
     if other_objects := set(DataDirectory(data).collection(SURFACES)) - {OBJECT}:
         raise StageError(f"{data} holds another dataset, of {min(other_objects)} and so on; name another folder")
-    item = next(item for item in load_manifest(MANIFEST).objects() if item.object_id == OBJECT)
     for name in DATASET:
-        make(Request(load_stage(name), resolve(name, "draft", SETTINGS), MANIFEST, [item], "draft", 0, data), console)
+        request = make_request(name, MANIFEST, data=data, assignments=SETTINGS)
+        make(replace(request, objects=[item for item in request.objects if item.object_id == OBJECT]), console)
     mesh, turntable, image_path = folder / f"{OBJECT}.glb", folder / "turntable.webp", folder / "seen.png"
     began = time.perf_counter()
     prediction = predict(mesh, StoredGrasps(data, OBJECT), PredictOptions(models, DEFAULT), "closed")

@@ -10,6 +10,7 @@ import platform
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeVar
 
@@ -124,6 +125,7 @@ PHYSICS = ("pybullet", "pybullet-arm64")
 """Packages of PyBullet: its own has no wheels beyond Python 3.11. Both give identical results."""
 
 
+@cache
 def library_versions() -> dict[str, str]:
     """Look up the version of every library that results depend on."""
     versions = {name: importlib.metadata.version(name) for name in LIBRARIES}

@@ -13,7 +13,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.validate import check_origins
 from stages.evaluate.baselines import BASELINE_PREFIX
 from stages.evaluate.evaluation_files import SHIPPED_ROWS, SHIPPED_SCORES, Figures, read_figures, read_root, read_table
-from stages.evaluate.shipped import shipped_digest
+from stages.evaluate.scores import shipped_digest
 
 COMPARED = ("points", "tau", "scale", "rings")
 """Settings that figures in one table share."""
@@ -24,12 +24,13 @@ Values = dict[str, dict[int, Figures]]
 """By configuration, the figures of each of its trainings, by seed."""
 
 
-def difference(folder: Path, other: Path) -> str | None:
-    """Name what makes two evaluations not comparable: a setting, the seed or the objects; None if they are."""
+def difference(folder: Path, other: Path, settings: Iterable[str] = COMPARED) -> str | None:
+    """Name what makes two evaluations not comparable: one of these settings, the seed or the objects; None if they are."""
     ours, theirs = read_root(folder), read_root(other)
-    for name in COMPARED:
-        if ours["settings"][name] != theirs["settings"].get(name):
-            return f"{name}={theirs['settings'].get(name)}, not {ours['settings'][name]}"
+    for name in settings:
+        our, their = (root["settings"].get(name) for root in (ours, theirs))
+        if our != their:
+            return f"{name}={their}, not {our}"
     if ours["seed"] != theirs["seed"]:
         return f"seed {theirs['seed']}, not {ours['seed']}"
     our_ids, their_ids = (read_table(path, "objects")["object_id"].tolist() for path in (folder, other))
@@ -101,20 +102,17 @@ def current_scores(directory: DataDirectory) -> list[str]:
 def read_values(folders: Sequence[Path]) -> Values:
     """Read the values per object of evaluations; raise a `StoreError` if their objects or settings differ."""
     values: Values = {}
-    objects, settings = read_table(folders[0], "objects")["object_id"].tolist(), read_root(folders[0])["settings"]
+    first = read_root(folders[0])
     for folder in folders:
-        theirs = read_root(folder)["settings"]
-        names = sorted((settings.keys() | theirs.keys()) - set(MAY_DIFFER))
-        if name := next((name for name in names if theirs.get(name) != settings.get(name)), None):
-            differ = f"{folders[0]} was made with {name}={settings.get(name)}, {folder} with {name}={theirs.get(name)}"
-            raise StoreError(f"{differ}; run evaluate again for each training seed with the same settings")
-        if read_table(folder, "objects")["object_id"].tolist() != objects:
-            raise StoreError(f"{folder} and {folders[0]} evaluate different objects; run evaluate again for each training seed")
-        figures = read_figures(folder)
-        for name in read_root(folder)["configurations"]:
+        root, figures = read_root(folder), read_figures(folder)
+        if problem := difference(folders[0], folder, sorted({*first["settings"], *root["settings"]} - set(MAY_DIFFER))):
+            raise StoreError(
+                f"{folder} was made with {problem}, as {folders[0]}; run evaluate again for each training seed, with one setting"
+            )
+        for name in root["configurations"]:
             if name not in figures:
                 raise StoreError(f"{folder} has no figures of {name}, which it lists; run evaluate again")
-            values.setdefault(name, {})[theirs["training_seed"]] = figures[name]
+            values.setdefault(name, {})[root["settings"]["training_seed"]] = figures[name]
     return values
 
 

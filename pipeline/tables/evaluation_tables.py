@@ -17,8 +17,8 @@ from pipeline.tables.comparison import about_rows, comparable_figures
 from pipeline.tables.supplement_figures import PAPER, TABLE_2, TABLE_3, TABLE_4
 from stages.evaluate.baselines import BASELINE_PREFIX, label
 from stages.evaluate.evaluation_files import Arrays, Figures, has_table, read_figures, read_root, read_table
-from stages.evaluate.grasp_protocol import NEAR, NEAR_SHARE
 from stages.evaluate.measure import PAPER_DIAGONAL
+from stages.evaluate.protocols import NEAR, NEAR_SHARE
 
 QUALITY_UNITS = {
     "area_ratio": ("area, % of the true one", 100),
@@ -63,8 +63,8 @@ class GraspTables:
         self.touch_networks = {name: self.every[name] for name in inputs if inputs[name]["touch"]}
         self.baselines = {name: network for name, network in figures.items() if name.startswith(BASELINE_PREFIX)}
         categories = np.array(self.objects["category"])
-        self.members = {str(name): categories == name for name in np.unique(categories)} | {TOTAL: np.full(len(categories), True)}
-        self.classes = [f"{name} ({member.sum()})" for name, member in self.members.items()]
+        members = {str(name): categories == name for name in np.unique(categories)} | {TOTAL: np.full(len(categories), True)}
+        self.members = {f"{name} ({member.sum()})": member for name, member in members.items()}  # by class and its number of objects
         self.numbers = sorted({number for figures in self.touch_networks.values() for number in figures.grasps})
 
     def tables(self) -> Iterator[Table]:
@@ -74,15 +74,15 @@ class GraspTables:
             f"{self.settings['points']} points drawn from each surface. In brackets: {100 * LEVEL:.0f} % bootstrap intervals over objects."
         )
         yield from about_rows(self.folder, self.scored, self.common)
-        if self.root["left_out"]:
-            yield Table(f"Failed: {', '.join(self.root['left_out'])}")
+        if self.root["failed"]:
+            yield Table(f"Failed: {', '.join(self.root['failed'])}")
         yield self._accuracy()
-        by_number = {str(number): partial(self._distance, number) for number in self.numbers}
-        if len(by_number) > 1:
-            yield self._table("Mean distance, mm, by the number of grasps given", self.touch_networks, by_number, ".2f")
+        if len(self.numbers) > 1:
+            by_number: Columns = {str(number): (".2f", partial(self._distance, number, slice(None))) for number in self.numbers}
+            yield tabulate("Mean distance, mm, by the number of grasps given", "model", self.touch_networks, by_number)
         if self.networks:
-            by_class = {name: partial(self._of_class, "mean_distance", 1e3, member) for name, member in self._members()}
-            yield self._table("Mean distance, mm, with one grasp, by class", self.networks, by_class, ".2f")
+            by_class: Columns = {name: (".2f", partial(self._distance, 1, member)) for name, member in self.members.items()}
+            yield tabulate("Mean distance, mm, with one grasp, by class", "model", self.networks, by_class)
         yield Table(self._about_chamfer())
         if self.networks:
             yield self._rings()
@@ -99,21 +99,12 @@ class GraspTables:
         if has_table(self.folder, "charts"):
             yield _charts(read_table(self.folder, "charts"))
 
-    def _members(self) -> Iterator[tuple[str, NDArray[np.bool_]]]:
-        return zip(self.classes, self.members.values(), strict=True)
-
-    def _table(self, title: str, networks: Networks, cells: Mapping[str, Callable[[Figures], Cell]], form: str) -> Table:
-        return tabulate(title, "model", networks, {name: (form, cell) for name, cell in cells.items()})
-
     def _estimate(self, values: Values, factor: float = 1.0) -> Interval | None:
         """Estimate the mean over objects; None without objects. Intervals of as many objects share their draws."""
         return mean_interval(factor * values, numpy_rng(self.seed, "intervals")) if len(values) else None
 
-    def _distance(self, grasps: int, figures: Figures) -> Interval | None:
-        return self._estimate(figures.per_object("mean_distance", grasps), 1e3)
-
-    def _of_class(self, metric: str, factor: float, member: NDArray[np.bool_], figures: Figures) -> Interval | None:
-        return self._estimate(figures.per_object(metric)[member], factor)
+    def _distance(self, grasps: int, member: Any, figures: Figures) -> Interval | None:
+        return self._estimate(figures.per_object("mean_distance", grasps)[member], 1e3)
 
     def _accuracy(self) -> Table:
         """Make the table of the simplest figures with one grasp, or the fewest with which a network was measured.
@@ -152,22 +143,32 @@ class GraspTables:
             "figures cannot be compared with these and are not shown."
         )
 
-    def _theirs(self, table: Mapping[str, Sequence[float]], name: str, columns: Sequence[int], digits: str) -> list[Row]:
-        """Make a row with the paper's figures, if it has some, for the columns 1, 2, …."""
-        figures = table.get(name) if self.paper else None
-        if figures is None:
-            return []
-        return [Row([f"  {PAPER}", *(f"{figures[at - 1]:{digits}}" if at <= len(figures) else None for at in columns)], dim=True)]
+    def _rows(
+        self,
+        networks: Networks,
+        columns: Sequence[int],
+        cell: Callable[[Figures, int], Cell],
+        paper: Mapping[str, Sequence[float]],
+        digits: str,
+    ) -> list[Row]:
+        """Make a row per network, and below it one with the paper's figures, if it has some, of the columns 1, 2, …."""
+        rows = []
+        for name, figures in networks.items():
+            rows.append(Row([name, *(cell(figures, at) for at in columns)]))
+            if self.paper and name in paper:
+                theirs = (f"{paper[name][at - 1]:{digits}}" if at <= len(paper[name]) else None for at in columns)
+                rows.append(Row([f"  {PAPER}", *theirs], dim=True))
+        return rows
 
     def _rings(self) -> Table:
-        numbers, rows = range(1, self.settings["rings"] + 1), []
-        sites: list[str] = []
-        for name, figures in self.networks.items():
-            columns = [figures.ring(number) for number in numbers]
-            rows.append(Row([name, *(self._estimate(means[counts > 0]) for means, counts in columns)]))
-            rows += self._theirs(TABLE_2, name, numbers, ".3e")
-            sites = sites or [f"{counts.sum()}" for _, counts in columns]
-        rows.append(Row([f"sites of {next(iter(self.networks))}", *sites], dim=True))
+        def mean(figures: Figures, number: int) -> Interval | None:
+            means, counts = figures.ring(number)
+            return self._estimate(means[counts > 0])
+
+        numbers = range(1, self.settings["rings"] + 1)
+        first, figures = next(iter(self.networks.items()))
+        rows = self._rows(self.networks, numbers, mean, TABLE_2, ".3e")
+        rows.append(Row([f"sites of {first}", *(f"{figures.ring(number)[1].sum()}" for number in numbers)], dim=True))
         rows.append(Row([SAMPLING_ALONE, *[self.objects["floor"].mean() / 2] * len(numbers)], dim=True))
         title = (
             "Table 2: local Chamfer distance around the touch sites of one grasp, true surface to prediction, m²; "
@@ -176,10 +177,10 @@ class GraspTables:
         return Table(title, ["model", *(f"×{number}" for number in numbers)], rows, ["", *[".2e"] * len(numbers)])
 
     def _grasps(self) -> Table:
-        rows = []
-        for name, figures in self.touch_networks.items():
-            rows.append(Row([name, *(self._estimate(figures.per_object("chamfer", number), TABLE_3_FACTOR) for number in self.numbers)]))
-            rows += self._theirs(TABLE_3, name, self.numbers, ".3f")
+        def mean(figures: Figures, number: int) -> Interval | None:
+            return self._estimate(figures.per_object("chamfer", number), TABLE_3_FACTOR)
+
+        rows = self._rows(self.touch_networks, self.numbers, mean, TABLE_3, ".3f")
         rows.append(Row([SAMPLING_ALONE, *[TABLE_3_FACTOR * self.objects["floor"].mean()] * len(self.numbers)], dim=True))
         title = f"Table 3: Chamfer distance × {TABLE_3_FACTOR:.0f}, m², by the number of grasps"
         return Table(title, ["model", *map(str, self.numbers)], rows, ["", *[".3f"] * len(self.numbers)])
@@ -189,13 +190,13 @@ class GraspTables:
         floors = [float(self.objects["floor"][member].mean()) for member in self.members.values()]
         rows.append(Row([SAMPLING_ALONE, *(TABLE_3_FACTOR * mean for mean in floors), floors[-1]], dim=True))
         title = f"Modalities: Chamfer distance × {TABLE_3_FACTOR:.0f}, m², with one grasp, by class; the last column without the factor"
-        return Table(title, ["model", *self.classes, "all, m²"], rows, ["", *[".3f"] * len(self.classes), ".3e"])
+        return Table(title, ["model", *self.members, "all, m²"], rows, ["", *[".3f"] * len(self.members), ".3e"])
 
     def _baselines(self) -> Table:
         rows = [row for name, figures in self.baselines.items() for row in self._chamfer_rows(label(name), figures)]
         chosen = f"one of {pluralise(self.root['training_objects'], 'training object')}"
         title = f"Baselines: Chamfer distance × {TABLE_3_FACTOR:.0f}, m², of {chosen} in place of each reconstruction"
-        return Table(title, ["chosen", *self.classes], rows, ["", *[".3f"] * len(self.classes)])
+        return Table(title, ["chosen", *self.members], rows, ["", *[".3f"] * len(self.members)])
 
     def _chamfer_rows(self, name: str, figures: Figures, *, metres: bool = False) -> Iterator[Row]:
         """Make the rows of means and medians by class, in Table 3's unit; `metres` adds the mean over all in m²."""
@@ -208,11 +209,11 @@ class GraspTables:
     def _f1(self) -> Table:
         tau, scale = self.settings["tau"], self.settings["scale"]
         title = f"F1, %, at squared distance τ = {tau:g} / 2τ = {2 * tau:g} m² of clouds scaled by {scale:g}, with one grasp"
-        return self._table(title, self.networks, {name: partial(_f1_of, member) for name, member in self._members()}, ".1f")
+        return tabulate(title, "model", self.networks, {name: (".1f", partial(_f1_of, member)) for name, member in self.members.items()})
 
     def _surfaces(self) -> Iterator[Table]:
-        qualities = {title: partial(_quality, measure, factor) for measure, (title, factor) in QUALITY_UNITS.items()}
-        yield self._table("Surfaces with one grasp, mean / median over objects", self.networks, qualities, ".3g")
+        qualities: Columns = {title: (".3g", partial(_quality, measure, factor)) for measure, (title, factor) in QUALITY_UNITS.items()}
+        yield tabulate("Surfaces with one grasp, mean / median over objects", "model", self.networks, qualities)
         if closed := {name: network for name, network in self.networks.items() if len(network.available("watertight"))}:
             columns: Columns = {
                 "watertight, %": (".0f", lambda figures: 100 * figures.available("watertight").mean()),
@@ -255,7 +256,11 @@ def single_image_tables(folder: Path) -> Iterator[Table]:
     """Make Table 4 with our rows, and our rows by class."""
     root, networks, categories = read_root(folder), read_figures(folder), read_table(folder, "objects")["category"]
     settings, tau = root["settings"], root["settings"]["tau"]
-    means = {name: means_by_class(_table_4_figures(figures), categories) for name, figures in networks.items()}
+    units = {"scaled_chamfer": 1, "f1": 100, "f1_2tau": 100}
+    means = {
+        name: means_by_class(np.stack([factor * figures.per_case(metric) for metric, factor in units.items()], axis=-1), categories)
+        for name, figures in networks.items()
+    }
     classes = [name for name in next(iter(means.values())) if name != TOTAL]
     rows = [Row([name, *figures], dim=True) for name, figures in TABLE_4.items()]
     rows += [Row([f"ours: {label(name)}", *by_class[TOTAL].tolist()]) for name, by_class in means.items()]
@@ -275,11 +280,6 @@ def single_image_tables(folder: Path) -> Iterator[Table]:
         cells = [f"{chamfer:.3f} / {f1:.2f} / {twice:.2f}" for chamfer, f1, twice in (by_class[kind] for kind in (*classes, TOTAL))]
         rows.append(Row([label(name), *cells]))
     yield Table("The same by class: Chamfer / F1 / F1", ["", *classes, "mean of classes"], rows)
-
-
-def _table_4_figures(figures: Figures) -> NDArray[np.float64]:  # (object, view, figure)
-    """Join the figures in the units of Table 4."""
-    return np.stack([figures.per_case("scaled_chamfer"), 100 * figures.per_case("f1"), 100 * figures.per_case("f1_2tau")], axis=-1)
 
 
 def means_by_class(

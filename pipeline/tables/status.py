@@ -90,30 +90,31 @@ def read_account(data: Location, jobs: Callable[[], Mapping[str, dict[str, Any]]
         raise StoreError(f"{data.resolve()} is not a data directory; make one with `vt-pipeline run`, or name another")
     for name in directory.artifact_names():
         with account.unless_unreadable():
-            artifact = _artifact(directory, name)
-            if artifact.shards or artifact.unfinished:
+            collection = directory.collection(ARTIFACTS[name])
+            unfinished = sum(file.endswith(".row") for file in files_below(directory.work(name) / "rows"))
+            if collection.shards or unfinished:
+                artifact = ArtifactAccount(
+                    artifact=name,
+                    shards=len(collection.shards),
+                    objects=len(collection),
+                    failures={item: failure.model_dump() for item in collection if (failure := collection.failure(item))},
+                    missing=list(collection.missing),
+                    megabytes=sum(_megabytes(files_below(shard.path)) for shard in collection.shards),
+                    seconds=sum(row.seconds for shard in collection.shards for row in shard.record.rows),
+                    digest=collection.digest(),
+                    unfinished=unfinished,
+                    processors=dict(collection.processors()),
+                    stale=_stale(directory, name),
+                )
                 account.artifacts.append(artifact)
     for name in directory.folders():
         with account.unless_unreadable():
-            account.folders.append(_folder(directory, name))
+            record, files = directory.folder(name), files_below(directory.folder_path(name))
+            if missing := sorted(record.files.keys() - files.keys()):
+                raise StoreError(f"{directory.folder_record(name)}: {missing[0]} is missing; run {made_by(name, record)} again")
+            size, stale = _megabytes(files), _stale(directory, name)
+            account.folders.append(FolderAccount(name, record.stage, size, record.seconds, record.digest(), record.facts, stale))
     return account
-
-
-def _artifact(directory: DataDirectory, name: str) -> ArtifactAccount:
-    collection = directory.collection(ARTIFACTS[name])
-    return ArtifactAccount(
-        artifact=name,
-        shards=len(collection.shards),
-        objects=len(collection),
-        failures={object_id: failure.model_dump() for object_id in collection if (failure := collection.failure(object_id))},
-        missing=list(collection.missing),
-        megabytes=sum(_megabytes(files_below(shard.path)) for shard in collection.shards),
-        seconds=sum(row.seconds for shard in collection.shards for row in shard.record.rows),
-        digest=collection.digest(),
-        unfinished=sum(file.endswith(".row") for file in files_below(directory.work(name) / "rows")),
-        processors=dict(collection.processors()),
-        stale=_stale(directory, name),
-    )
 
 
 def _stale(directory: DataDirectory, name: str) -> str | None:
@@ -124,36 +125,33 @@ def _stale(directory: DataDirectory, name: str) -> str | None:
     return None
 
 
-def _folder(directory: DataDirectory, name: str) -> FolderAccount:
-    record = directory.folder(name)
-    files = files_below(directory.folder_path(name))
-    if missing := sorted(record.files.keys() - files.keys()):
-        raise StoreError(f"{directory.folder_record(name)}: {missing[0]} is missing; run {made_by(name, record)} again")
-    return FolderAccount(name, record.stage, _megabytes(files), record.seconds, record.digest(), record.facts, _stale(directory, name))
-
-
 def _megabytes(files: Mapping[str, File]) -> float:
     return sum(file.bytes for file in files.values()) / 1e6
 
 
 def show(account: Account, console: Console) -> None:
     """Print the account as tables, and below them every failure with its reason."""
-    size: Columns = {"MB": (".1f", attrgetter("megabytes")), "core s": (".0f", attrgetter("seconds")), "digest": ("", _short_digest)}
+    size: Columns = {
+        "MB": (".1f", attrgetter("megabytes")),
+        "core s": (".0f", attrgetter("seconds")),
+        "digest": ("", lambda entry: entry.digest[:16]),
+    }
     counts: Columns = {name: ("", attrgetter(name)) for name in ("shards", "objects", "unfinished")}
     counts["failed"] = ("", lambda entry: len(entry.failures))
     tables = [tabulate("", "artifact", {entry.artifact: entry for entry in account.artifacts}, counts | size)]
     if folders := {entry.folder: entry for entry in account.folders}:
-        facts: Columns = {"stage": ("", attrgetter("stage")), **size, "": ("", _stale_mark)}
+        facts: Columns = {"stage": ("", attrgetter("stage")), **size, "": ("", lambda entry: "stale" if entry.stale else "")}
         tables.append(tabulate("", "folder", folders, facts))
     show_tables(console, tables)
     stale = [*(entry.stale for entry in account.artifacts), *(entry.stale for entry in account.folders)]
     lines = [("yellow", "stale", why) for why in dict.fromkeys(stale) if why]
     if mixed := ", ".join(entry.artifact for entry in account.artifacts if len(entry.processors) > 1):
         lines.append(("yellow", "mixed", f"{mixed}: computed by several kinds of processors, see `vt-pipeline validate --strict`"))
-    for entry in account.artifacts:
-        if entry.missing:
-            text = f"{entry.artifact}: {pluralise(len(entry.missing))} not made yet ({abbreviate(entry.missing)})"
-            lines.append(("yellow", "incomplete", text))
+    lines += [
+        ("yellow", "incomplete", f"{entry.artifact}: {pluralise(len(entry.missing))} not made yet ({abbreviate(entry.missing)})")
+        for entry in account.artifacts
+        if entry.missing
+    ]
     lines += [("yellow", "other version", line) for line in account.other_versions]
     lines += [("red", "damaged", line) for line in account.damaged]
     if account.garbage > 1:
@@ -167,14 +165,6 @@ def show(account: Account, console: Console) -> None:
     _show_jobs(account.jobs, console)
 
 
-def _short_digest(entry: ArtifactAccount | FolderAccount) -> str:
-    return entry.digest[:16]
-
-
-def _stale_mark(entry: FolderAccount) -> str:
-    return "stale" if entry.stale else ""
-
-
 def _count(state: str, job: Mapping[str, Any]) -> int:
     return list(job["states"].values()).count(state)
 
@@ -184,8 +174,7 @@ def _show_jobs(jobs: Mapping[str, dict[str, Any]], console: Console) -> None:
     if not jobs:
         return
     columns: Columns = {"number": ("", lambda job: job["number"])}
-    for state in JOB_STATES:
-        columns[state] = ("", partial(_count, state))
+    columns |= {state: ("", partial(_count, state)) for state in JOB_STATES}
     columns[""] = ("", lambda job: ", ".join(sorted({why for task, why in job["why"].items() if job["states"][task] != "failed"} - {""})))
     show_tables(console, [tabulate("Slurm", "job", {job["name"]: job for job in jobs.values()}, columns)])
     failed = [(job, task) for job in jobs.values() for task, state in job["states"].items() if state == "failed"]

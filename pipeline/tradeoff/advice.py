@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from pipeline.errors import InvalidInput
 from pipeline.tradeoff.measured import MeasuredTrade, Point
-from pipeline.tradeoff.sweep import assignment
+from stages.registry import assignment
 
 NUMBER = r"([0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?|\.[0-9]+)"
 DURATIONS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}

@@ -1,31 +1,30 @@
 """Measure how variants of a dataset change the reconstructions that networks learn from it."""
 
+import math
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import yaml
 from rich.console import Console
 
-from pipeline.config.sources import Object
 from pipeline.engine import keys
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.touch.sensor import Sensor, resample
-from pipeline.store import digest
 from pipeline.store.directory import DataDirectory
-from pipeline.tradeoff.measure import Setup, dependencies, kilobytes, linked_copy, stages_before, times_of
-from pipeline.tradeoff.measured import END_TO_END, FOLDER, MeasuredTrade, Point
-from pipeline.tradeoff.sample import affordable
+from pipeline.tradeoff.measure import Setup, linked_copy, measure_points, stages_before, trade_key
+from pipeline.tradeoff.measured import END_TO_END, MeasuredTrade, Point, kilobytes, times_of
 from pipeline.tradeoff.sweep import file_name
 from stages.evaluate.evaluation_files import chamfer_by_object, evaluation_name
 from stages.registry import load_stage
 
 NETWORK = ("train-gcn.configuration=occluded-touch", "evaluate.configurations=[occluded-touch]", "evaluate.grasps=[1, 2]")
 """A network with vision and touch; it is evaluated with one and two grasps, which every variant has."""
-TRAININGS = 3
-"""Trainings of each network, with different seeds."""
+TRAININGS, REPEATED = 3, ("train-gcn", "evaluate")
+"""Trainings of each network, with different seeds; and the stages that are run for each."""
 
 
 @dataclass(frozen=True)
@@ -56,62 +55,39 @@ def measure_end_to_end(
     seconds: float,  # for all of it; the sample is as large as this allows
     console: Console,
 ) -> MeasuredTrade:
-    """Measure every variant, or read it if it is measured under the same key; a killed measurement continues.
-
-    The trade is also written below the data directory. Times and sizes are those of all objects and trainings together.
-    """
+    """Measure every variant, as `measure_points`. Times and sizes are those of all objects and trainings together."""
     setup = replace(setup, network=NETWORK)
-    variants = _variants(setup)
+    chain = [*stages_before("evaluate", setup), "evaluate"]
+    alike = len({sensor.name for sensor in _sensors(setup)}) == 1  # one file describes a coarser sensor
+    variants = {label: variant for label, variant in VARIANTS.items() if alike or variant.coarse == 1}
+    outputs = [stage.writes(setup.settings(stage.name)) for stage in map(load_stage, chain) if stage.per_object]
 
-    def foreseen(sample: Sequence[Object]) -> float:
-        return len(variants) * _seconds(setup.with_objects(sample))
+    def foreseen(sample: Setup) -> float:
+        """Foresee the seconds of all variants on one core."""
+        return len(variants) * sum((TRAININGS if name in REPEATED else 1) * sample.seconds(name) for name in chain)
 
-    setup = setup.with_objects(affordable(setup.objects, setup.seed, seconds, foreseen))
-    minutes = foreseen(setup.objects) / 60
+    setup = setup.affordable(seconds, foreseen)
+    minutes = foreseen(setup) / 60
     console.print(f"{len(variants)} datasets of {len(setup.objects)} objects: about {minutes:.0f} min, less what is measured")
-    folder, learned = setup.data / FOLDER / END_TO_END, sum(item.split == "train" for item in setup.objects)
-    metric = f"Chamfer distance x 9000 of test objects, {TRAININGS} trainings"
-    facts = {"metric": metric, "unit": "", "cost": "core seconds in all", "trained": learned, "total": len(variants)}
-    measured = setup.begin(folder, END_TO_END, _key(setup), **facts)
-    measured_labels = {point.label for point in measured.points}
-    for label, variant in variants.items():
-        if label in measured_labels:
-            continue
+
+    def measure(label: str, folder: Path) -> tuple[Point, dict[str, Any]]:
         data = folder / file_name(label)
         if label != USER_SETTINGS:  # what the variant does not change is reused
-            linked_copy(folder / file_name(USER_SETTINGS), _outputs(setup), data)
-        measured = measured.with_point(_measure(label, _changed(setup, variant, folder), data, console))
-        measured.write(setup.data)
+            linked_copy(folder / file_name(USER_SETTINGS), outputs, data)
+        times, errors = _run(chain, _changed(setup, variants[label], folder), data, console)
+        size, changes = sum(kilobytes(data, output) for output in outputs), {} if label == USER_SETTINGS else {"variant": label}
         if label != USER_SETTINGS:
             shutil.rmtree(data)
-    shutil.rmtree(folder, ignore_errors=True)
-    return measured
+        return Point(label=label, changes=changes, times={"all": times}, kilobytes=size, errors=errors), {}
 
-
-def _variants(setup: Setup) -> dict[str, Variant]:
-    """List the variants, without coarser touch where fingers wear different sensors: one file describes one."""
-    alike = len({sensor.name for sensor in _sensors(setup)}) == 1
-    return {label: variant for label, variant in VARIANTS.items() if alike or variant.coarse == 1}
-
-
-def _chain(setup: Setup) -> list[str]:
-    return [*stages_before("evaluate", setup), "evaluate"]
-
-
-def _outputs(setup: Setup) -> list[str]:
-    """List the artifacts of the dataset, without trained networks."""
-    stages = [load_stage(name) for name in _chain(setup)]
-    return [stage.writes(setup.settings(stage.name)) for stage in stages if stage.per_object]
-
-
-def _key(setup: Setup) -> str:
-    return digest.of_json([dependencies(_chain(setup), setup), setup.seed, keys.sources_hash(__name__)])
-
-
-def _seconds(setup: Setup) -> float:
-    """Foresee the seconds of a variant on one core."""
-    repeats = {"train-gcn": TRAININGS, "evaluate": TRAININGS}
-    return sum(repeats.get(name, 1) * setup.seconds(name, setup.settings(name)) for name in _chain(setup))
+    facts = {
+        "metric": f"Chamfer distance x 9000 of test objects, {TRAININGS} trainings",
+        "unit": "",
+        "cost": "core seconds in all",
+        "trained": sum(item.split == "train" for item in setup.objects),
+    }
+    key = trade_key(chain, setup, keys.sources_hash(__name__))
+    return measure_points(setup, END_TO_END, key, list(variants), measure, math.inf, **facts)
 
 
 def _changed(setup: Setup, variant: Variant, folder: Path) -> Setup:
@@ -144,26 +120,22 @@ def coarse_sensor(sensor: Sensor, share: float, folder: Path) -> Path:
     return file
 
 
-def _measure(label: str, setup: Setup, data: Path, console: Console) -> Point:
-    """Make a dataset, train and evaluate its networks, and add up the time of everything but the evaluation."""
+def _run(
+    chain: Sequence[str], setup: Setup, data: Path, console: Console
+) -> tuple[float, dict[str, tuple[float, ...]]]:  # core seconds of all but the evaluation; errors by object, one per training
+    """Make a dataset, train and evaluate its networks."""
     seconds = 0.0
-    errors: dict[str, list[float]] = {}
-    for name in _chain(setup):
+    errors: dict[str, tuple[float, ...]] = {}
+    for name in chain:
         stage = load_stage(name)
-        for training in range(TRAININGS) if name in ("train-gcn", "evaluate") else (0,):
-            settings = setup.settings(name, {"training_seed": training} if name in ("train-gcn", "evaluate") else {})
+        for training in range(TRAININGS) if name in REPEATED else (0,):
+            settings = setup.settings(name, {"training_seed": training} if name in REPEATED else {})
             setup.make(name, settings, data, Console(quiet=True) if name == "evaluate" else console)  # its tables say little here
             if name == "evaluate":
                 for object_id, value in chamfer_by_object(DataDirectory(data).verified_folder(evaluation_name(training))).items():
-                    errors.setdefault(object_id, []).append(value)
+                    errors[object_id] = (*errors.get(object_id, ()), value)
             else:
                 count, _ = stage.cost_of(settings, setup.objects)
                 times = times_of(stage, settings, data, 0 if stage.per_object else count)
                 seconds += count * sum(times.values()) / max(len(times), 1)
-    return Point(
-        label=label,
-        changes={} if label == USER_SETTINGS else {"variant": label},
-        times={"all": seconds},
-        kilobytes=sum(kilobytes(data, output) for output in _outputs(setup)),
-        errors={name: tuple(values) for name, values in errors.items()},
-    )
+    return seconds, errors

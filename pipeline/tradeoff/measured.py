@@ -1,6 +1,6 @@
-"""Measured trades, as `DATA/tradeoff/STAGE.json` holds them."""
+"""Measured trades, as `DATA/tradeoff/STAGE.json` holds them, and the times and sizes that records show."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 from scipy.stats import t as student
 
+from pipeline.config.settings import Settings
 from pipeline.entries import Entries
 from pipeline.errors import StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
 from pipeline.rng import numpy_rng
 from pipeline.store.atomic import write_atomically
+from pipeline.store.directory import DataDirectory
+from schemas.catalogue import ARTIFACTS
 
 FOLDER = "tradeoff"
 """Folder of the measurements, below a data directory."""
@@ -78,7 +81,7 @@ class MeasuredTrade(Entries):
     metric: str
     unit: str  # of the errors
     cost: str = "seconds per object, one core"  # what the times measure
-    key: str  # hash of what the figures depend on beside sample and machine (`measure.trade_key`)
+    key: str  # hash of what the figures depend on beside sample and machine (`measure.stage_key`)
     preset: str  # with `assignments`: the user's settings, which points change
     assignments: tuple[str, ...]
     objects: tuple[str, ...]  # ids of the sample
@@ -100,10 +103,6 @@ class MeasuredTrade(Entries):
     def own(self) -> Point | None:
         """Find the point of the user's settings."""
         return next((point for point in self.points if not point.changes), None)
-
-    def with_point(self, point: Point) -> "MeasuredTrade":
-        """Return the trade with another point."""
-        return self.model_copy(update={"points": (*self.points, point)})
 
     def write(self, data: Path) -> None:
         """Write the trade below a data directory."""
@@ -128,6 +127,23 @@ def read_trade(data: Path, stage: str) -> MeasuredTrade | None:
         raise StoreError(f"{path} cannot be used ({invalid_entries(error)}); remove it, then run `vt-pipeline tradeoff {stage}`") from error
 
 
-def read_trades(data: Path, stages: Sequence[str]) -> list[MeasuredTrade]:
-    """Read the trades of those stages that were measured, in their order."""
-    return [trade for stage in stages if (trade := read_trade(data, stage)) is not None]
+def kilobytes(data: Path, output: str) -> float:
+    """Measure the size of an artifact or a folder of a data directory, without replaced data."""
+    directory = DataDirectory(data)
+    shards = directory.collection(ARTIFACTS[output]).shards if output in ARTIFACTS else []
+    paths = [Path(str(shard.path)) for shard in shards] or [directory.verified_folder(output)]
+    return sum(inner.stat().st_size for path in paths for inner in files_of(path)) / 1e3
+
+
+def times_of(stage: Any, settings: Settings, data: Path, trained: int) -> dict[str, float]:
+    """Read the seconds per object from records, of a training its share per object; the first object, a warm-up, counts only if alone."""
+    directory, output = DataDirectory(data), stage.writes(settings)
+    if trained:
+        return {"each": float(directory.folder(output).facts["training_seconds"]) / trained}
+    rows = [row for shard in directory.collection(ARTIFACTS[output]).shards for row in shard.record.rows if row.failure is None]
+    return {row.object_id: row.seconds for row in rows[1:] or rows}
+
+
+def files_of(path: Path) -> Iterator[Path]:
+    """List a file, or those below a folder."""
+    return iter([path]) if path.is_file() else (inner for inner in path.rglob("*") if inner.is_file() and not inner.is_symlink())

@@ -5,7 +5,6 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-import yaml
 from rich.console import Console
 
 from pipeline.console import print_table
@@ -19,12 +18,6 @@ LONGEST_NAME = 150
 def grid_points(grid: Mapping[str, Iterable[Any]]) -> Iterator[dict[str, Any]]:
     """List every combination of the grid's values, the last setting changing fastest."""
     return (dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values()))
-
-
-def assignment(name: str, value: Any) -> str:
-    """Write a setting and its value as `--set` takes them."""
-    text: str = yaml.safe_dump(value, default_flow_style=True, width=1000)
-    return f"{name}=" + text.rstrip().removesuffix("\n...")  # YAML ends the document after a number or a word
 
 
 def point_folder(

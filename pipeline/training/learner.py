@@ -98,7 +98,7 @@ class ReconstructionLearner(Learner):
 
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
         """Read items, each with as many grasps as are drawn for it, varied as the settings ask."""
-        from pipeline.training.augmentation import vary_observation
+        from pipeline.training.items import vary_observation
 
         dropped, counts = self.settings.dropped_inputs, (self.fewest, self.most)
         views = [self.train.random_view(item, *counts, rng, dropped=dropped) for item, rng in zip(items, generators, strict=True)]

@@ -89,13 +89,9 @@ class ReconstructionSettings(TrainingSettings):
     validation_items: int = setting(5, "items per validation object, with 1, 2, … grasps", ge=1)
 
     @model_validator(mode="after")
-    def _some_grasps(self) -> Self:
+    def _is_consistent(self) -> Self:
         if self.min_grasps > self.max_grasps:
             raise ValueError(f"min_grasps is {self.min_grasps}, max_grasps {self.max_grasps}; the fewest cannot be more than the most")
-        return self
-
-    @model_validator(mode="after")
-    def _known_configuration(self) -> Self:
         if self.configuration not in self.configurations:
             raise ValueError(unknown_name("configuration", self.configuration, self.configurations))
         return self
@@ -119,8 +115,3 @@ class ReconstructionSettings(TrainingSettings):
     def dropped_inputs(self) -> tuple[float, float]:
         """The shares of items without image, and without touches, of a network that takes any inputs."""
         return 0.0, 0.0
-
-    @property
-    def label(self) -> str:
-        """Distinguish trainings with different seeds: part of a training's name, which seeds its draws."""
-        return f", seed {self.training_seed}" if self.training_seed else ""

@@ -22,9 +22,6 @@ from schemas.surfaces import SURFACES
 from schemas.vision import VISION
 
 if TYPE_CHECKING:
-    from torch import nn
-
-    from pipeline.models.reconstruction import Reconstructor
     from pipeline.training.items import Items
 
 IMAGES = {"occluded": VISION, "unoccluded": VISION, "any": VISION, "rendering": RENDERINGS}
@@ -84,7 +81,8 @@ class ReconstructionTraining(Training):
         shared = {"learned": self.arrays, "cache_megabytes": settings.cache_megabytes}
         learning = Items(job.data, "train", settings.inputs, settings.samples_per_object, **shared)
         validation = Items(job.data, "valid", settings.inputs, settings.validation_items, **shared)
-        name = f"{self.name} {settings.configuration}{settings.label}"
+        name = f"{self.name} {settings.configuration}"  # seeds all draws
+        name += f", seed {settings.training_seed}" if settings.training_seed else ""
         config = settings.network(learning.side)
         network: Any = reconstructor_type(settings.configuration).network_type(config, torch_generator(job.seed, name, "weights"))
         before = self._begin_with_pretrained(network, job, name) if settings.pretrained else None
@@ -106,7 +104,12 @@ class ReconstructionTraining(Training):
                 f"pretrained={job.settings.pretrained}: this training would replace the network that it begins with; train with another "
                 "training_seed, or name a copy of these models"
             )
-        give_weights(network, reconstructor_type(trained)(folder), self.name)
+        pretrained = reconstructor_type(trained)(folder)
+        differing = [(name, value) for name, value in pretrained.config if name not in OF_MESHES and value != getattr(network.config, name)]
+        if differing:
+            stated = " ".join(f"{OTHER_STAGES.get(name, self.name)}.{name}={value}" for name, value in differing)
+            raise StageError(f"the network in `pretrained` has other sizes; to begin with it, set {stated}")
+        network.load_state_dict(pretrained.network.state_dict())
         before = learned_from(DataDirectory(trained_models(models)[trained]).folder(trained))
         names = ", ".join(dict.fromkeys(str(one["manifest"]) for one in before))
         job.console.print(f"{name} begins with weights that have learned from objects of {names}: test objects among these are not unseen")
@@ -140,16 +143,3 @@ def learned_from(record: FolderRecord) -> list[dict[str, Any]]:
     """List the training data of a record's network, also from before its training: manifest and items of each training."""
     manifest = record.options.get("--manifest", record.manifest)
     return [*record.facts.get(LEARNED_BEFORE, []), {"manifest": manifest, "items": record.facts["items"]}]
-
-
-def give_weights(network: nn.Module, pretrained: Reconstructor, stage: str) -> None:
-    """Give a network the weights of a trained one; raise a `StageError` that names the settings of the training if it has other sizes."""
-    config: Any = network.config
-    settings = [
-        f"{OTHER_STAGES.get(name, stage)}.{name}={value}"
-        for name, value in pretrained.config
-        if name not in OF_MESHES and value != getattr(config, name)
-    ]
-    if settings:
-        raise StageError(f"the network in `pretrained` has other sizes; to begin with it, set {' '.join(settings)}")
-    network.load_state_dict(pretrained.network.state_dict())

@@ -50,7 +50,7 @@ def retrieved_by(image: object, touch: bool) -> str:
 def retrieve(
     objects: TestObjects,
     training: ObjectRows,
-    figures: Callable[[CloudDistances, int], Mapping[str, float]],  # of the distances for a test object's number
+    figures: Callable[[CloudDistances, str], Mapping[str, float]],  # of the distances for a test object
     *,
     console: Console,
     silhouettes: Silhouettes | None = None,  # for networks that take images
@@ -63,22 +63,23 @@ def retrieve(
     nearest to the touched points of the first grasp. `by truth` is nearest by the Chamfer distance of `POINTS` points:
     no retrieval is nearer by that distance.
     """
-    ids, names = objects.rows.object_ids, training.object_ids
+    ids, names = objects.object_ids, training.object_ids
     spread = np.linspace(0, len(names) - 1, min(len(names), CANDIDATES)).astype(int)
-    sizes = [objects.diagonal(row) for row in range(len(ids))]
-    masks = None if silhouettes is None else np.stack([silhouettes(name) for name in ids])  # (object, view, pixel)
-    queries = [RetrievalCloud(_scaled(objects.points(row)[:POINTS], sizes[row])) for row in range(len(ids))]
-    touch_clouds = None if touched is None else [RetrievalCloud(_scaled(points, size)) for points, size in zip(touched, sizes, strict=True)]
-    search = _Search(queries, touch_clouds, masks)
-    blocks = range(0, len(names), BLOCK)
-    steps = len(spread) + len(blocks) * len(ids) + (1 + search.kinds) * len(ids)
+    clouds: dict[str, Sequence[NDArray[np.float64]]] = {"by truth": [objects.points(name)[:POINTS] for name in ids]}
+    if touched is not None:
+        clouds = {"by touch": touched, **clouds}
+    queries = {
+        method: [RetrievalCloud(_scaled(points, objects.diagonal(name))) for points, name in zip(of_objects, ids, strict=True)]
+        for method, of_objects in clouds.items()
+    }
+    kinds = 1 + len(queries) + (silhouettes is not None)
+    steps = len(spread) + (-(-len(names) // BLOCK) + kinds) * len(ids)
     with Meter(console, "training objects in place of reconstructions", steps, "comparisons") as meter:
         typical = chamfer_matrix([_cloud(training, names[at]) for at in spread], meter.advance).mean(axis=0).argmin()
-        for start in blocks:
-            block = names[start : start + BLOCK]
-            block_masks = None if silhouettes is None else np.stack([silhouettes(name) for name in block])
-            search.compare([_cloud(training, name) for name in block], block_masks, start, meter)
-        matches_by_method = {"typical": np.full((len(ids), 1), spread[typical]), **search.chosen()}
+        matches_by_method = {"typical": np.full((len(ids), 1), spread[typical])}
+        if silhouettes is not None:
+            matches_by_method["by silhouette"] = _most_similar(silhouettes, ids, names)
+        matches_by_method |= _nearest(queries, training, meter)
         views = max(matches.shape[1] for matches in matches_by_method.values())
 
         def measured(matches: NDArray[np.intp]) -> list[Figure]:
@@ -88,8 +89,8 @@ def retrieve(
                 for view, at in enumerate(np.broadcast_to(matches[row], views).tolist()):
                     if at not in figures_by_object:
                         cloud = training.read("points", names[at])[: objects.count].astype(np.float64)
-                        cloud = _scaled(cloud, training.diagonal(names[at]), sizes[row])
-                        figures_by_object[at] = figures(cloud_distances(cloud, objects.points(row)), row)
+                        cloud = _scaled(cloud, training.diagonal(names[at]), objects.diagonal(object_id))
+                        figures_by_object[at] = figures(cloud_distances(cloud, objects.points(object_id)), object_id)
                     rows += [Figure(object_id, view, 1, metric, value) for metric, value in figures_by_object[at].items()]
                 meter.advance()
             return rows
@@ -107,47 +108,35 @@ def _scaled(points: NDArray[np.float64], size: float, to: float = DIAGONAL) -> N
     return points if size == to else transform_points(scaling_about(POSITION, to / size), points)
 
 
-class _Search:
-    """The search for the training object most similar to each test object, block by block."""
+def _most_similar(silhouettes: Silhouettes, ids: Sequence[str], names: Sequence[str]) -> NDArray[np.intp]:  # (object, view)
+    """Choose the number of the training object, of `names`, with the most similar silhouette, for each view of the test objects."""
+    masks = np.stack([silhouettes(name) for name in ids])  # (object, view, pixel)
+    best, chosen = np.full(masks.shape[:2], -1.0, np.float32), np.zeros(masks.shape[:2], np.intp)
+    for start in range(0, len(names), BLOCK):
+        block = np.stack([silhouettes(name) for name in names[start : start + BLOCK]])
+        flat = block.reshape(-1, block.shape[-1])
+        for first in range(0, len(masks), MASKS):
+            rows = slice(first, first + MASKS)
+            part = masks[rows]
+            overlap = silhouette_overlap(part.reshape(-1, part.shape[-1]), flat).reshape(*part.shape[:2], -1)
+            better = (largest := overlap.max(axis=-1)) > best[rows]
+            best[rows] = np.where(better, largest, best[rows])
+            chosen[rows] = np.where(better, start + overlap.argmax(axis=-1) // block.shape[1], chosen[rows])
+    return chosen
 
-    def __init__(
-        self,
-        queries: Sequence[RetrievalCloud],  # points of the test objects
-        touch_clouds: Sequence[RetrievalCloud] | None,  # their touched points, if any
-        masks: NDArray[np.bool_] | None,  # (object, view, pixel) their silhouettes, if there are images
-    ) -> None:
-        self._clouds = {"by touch": touch_clouds, "by truth": queries} if touch_clouds is not None else {"by truth": queries}
-        self._nearest = {method: [(np.inf, 0)] * len(queries) for method in self._clouds}
-        self._masks = masks
-        if masks is not None:
-            self._overlap, self._alike = np.full(masks.shape[:2], -1.0, np.float32), np.zeros(masks.shape[:2], np.intp)
-        self.kinds = len(self._clouds) + (masks is not None)
 
-    def compare(
-        self,
-        clouds: Sequence[RetrievalCloud],
-        masks: NDArray[np.bool_] | None,  # (object, view, pixel)
-        start: int,
-        meter: Meter,
-    ) -> None:
-        """Compare a block of training objects from number `start` on, by their points and silhouettes."""
-        if masks is not None and self._masks is not None:
-            flat, views = masks.reshape(-1, masks.shape[-1]), masks.shape[1]
-            for first in range(0, len(self._masks), MASKS):
-                rows = slice(first, first + MASKS)
-                block = self._masks[rows]
-                overlap = silhouette_overlap(block.reshape(-1, block.shape[-1]), flat).reshape(*block.shape[:2], -1)
-                better = (largest := overlap.max(axis=-1)) > self._overlap[rows]
-                self._overlap[rows] = np.where(better, largest, self._overlap[rows])
-                self._alike[rows] = np.where(better, start + overlap.argmax(axis=-1) // views, self._alike[rows])
-        for row in range(len(self._clouds["by truth"])):
-            for method, queries in self._clouds.items():
-                below, _ = self._nearest[method][row]
-                if match := nearest_cloud(queries[row], clouds, both=method == "by truth", below=below):
-                    self._nearest[method][row] = match[0], start + match[1]
+def _nearest(
+    queries: Mapping[str, Sequence[RetrievalCloud]],  # points of each test object, by method
+    training: ObjectRows,
+    meter: Meter,
+) -> dict[str, NDArray[np.intp]]:  # (object, 1), by method
+    """Choose the number of the training object with the nearest points for each test object."""
+    nearest = {method: [(np.inf, 0)] * len(clouds) for method, clouds in queries.items()}
+    for start in range(0, len(training), BLOCK):
+        block = [_cloud(training, name) for name in training.object_ids[start : start + BLOCK]]
+        for row in range(len(queries["by truth"])):
+            for method, clouds in queries.items():
+                if match := nearest_cloud(clouds[row], block, both=method == "by truth", below=nearest[method][row][0]):
+                    nearest[method][row] = match[0], start + match[1]
             meter.advance()
-
-    def chosen(self) -> dict[str, NDArray[np.intp]]:
-        """List the numbers of the chosen training objects, (object, view or 1), by method of choice."""
-        by_silhouette = {} if self._masks is None else {"by silhouette": self._alike}
-        return by_silhouette | {method: np.array([[at] for _, at in nearest]) for method, nearest in self._nearest.items()}
+    return {method: np.array([[number] for _, number in matches]) for method, matches in nearest.items()}

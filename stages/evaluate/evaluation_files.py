@@ -4,17 +4,15 @@ import re
 import shutil
 from collections.abc import Iterable, Mapping, Sequence, Set
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import zarr
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, ValidationError
 from pydantic_zarr.v3 import GroupSpec
 from zarr.storage import LocalStore
 
 from pipeline.errors import StoreError
-from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.directory import DataDirectory
 from pipeline.store.layout import array_spec, numpy_dtype
@@ -31,27 +29,6 @@ SHIPPED_ROWS = "shipped-"
 """Prefix of the names of its rows in tables: `shipped-touch` takes touches."""
 
 Arrays = dict[str, np.ndarray]
-
-
-class _MeasuringSettings(BaseModel):
-    points: int
-    scale: float
-
-
-class _Configuration(BaseModel):
-    touch: bool
-
-
-class _Root(BaseModel):
-    """The attributes that are printed."""
-
-    settings: _MeasuringSettings
-    seed: int
-    split: str
-    configurations: Annotated[dict[str, _Configuration], Field(min_length=1)]
-    left_out: dict[str, str]
-    training_objects: int
-    paper_sizes: bool
 
 
 class Figure(NamedTuple):
@@ -96,17 +73,12 @@ class Figures:
 
     def per_case(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
         """Take a metric of every object and choice of grasps: (object, first)."""
-        return np.reshape(self._lookup(metric, grasps)[1], (len(self.object_ids), -1))
-
-    def _lookup(self, metric: str, grasps: int = 1) -> tuple[list[int], list[float]]:
-        """Look up the objects' numbers and the values of a metric; empty if it was not measured."""
-        return self._values.get((metric, grasps), ([], []))
+        return np.reshape(self.available(metric, grasps), (len(self.object_ids), -1))
 
     def per_object(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
         """Compute the mean over the choices of grasps: (object,); (0,) if the network was not measured with this number."""
-        if not self._lookup(metric, grasps)[1]:
-            return np.zeros(0)
-        return np.asarray(self.per_case(metric, grasps).mean(axis=1))
+        values = self.per_case(metric, grasps)
+        return np.asarray(values.mean(axis=1)) if values.size else np.zeros(0)
 
     def means(self) -> dict[str, dict[int, float]]:
         """Average each metric over objects and choices of grasps, by number of grasps."""
@@ -116,18 +88,17 @@ class Figures:
         return means
 
     def available(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
-        """List a metric of the objects that have it: (object,)."""
-        return np.array(self._lookup(metric, grasps)[1])
+        """List a metric of the objects that have it: (object,); (0,) if it was not measured."""
+        return np.array(self._values.get((metric, grasps), ([], []))[1], np.float64)
 
     def ring(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Compute the local Chamfer distance in a ring, and count the touches with points in it: (object,) each.
 
         The distance is the mean over these touches, 0 without any.
         """
-        numbers, values = self._lookup(f"local_chamfer_{number}")
-        size = len(self.object_ids)
-        sites = np.bincount(np.array(numbers, int), minlength=size)
-        return np.bincount(np.array(numbers, int), weights=values, minlength=size) / np.maximum(sites, 1), sites
+        numbers, values = self._values.get((f"local_chamfer_{number}", 1), ([], []))
+        sites = np.bincount(np.array(numbers, int), minlength=len(self.object_ids))
+        return np.bincount(np.array(numbers, int), weights=values, minlength=len(self.object_ids)) / np.maximum(sites, 1), sites
 
 
 def chamfer_by_object(folder: Path) -> dict[str, float]:
@@ -206,14 +177,7 @@ def _root(folder: Path) -> zarr.Group:
 
 def read_root(folder: Path) -> dict[str, Any]:
     """Read the attributes of an evaluation folder: settings, seed, configurations; raise a `StoreError` if it is incomplete."""
-    attributes = dict(_root(folder).attrs.asdict())
-    try:
-        _Root.model_validate(attributes)
-    except ValidationError as error:
-        raise StoreError(
-            f"{folder / TABLES_ZARR}: its attributes cannot be used: {invalid_entries(error)}; run evaluate, or score, again"
-        ) from error
-    return attributes
+    return dict(_root(folder).attrs.asdict())
 
 
 def has_table(folder: Path, name: str) -> bool:
@@ -239,15 +203,10 @@ def read_figures(folder: Path) -> dict[str, Figures]:
     return {network: Figures(object_ids, figures) for network, figures in rows.items()}
 
 
-def has_surfaces(folder: Path, configuration: str) -> bool:
-    """Return whether an evaluation folder keeps the surfaces of a configuration."""
-    return any(has_table(folder, f"{group}/{configuration}") for group in ("meshes", "predictions"))
-
-
-def read_surfaces(folder: Path, configuration: str) -> Arrays:
-    """Read the surfaces of a configuration: its group below `predictions` or, of a network without charts, below `meshes`."""
-    group = "meshes" if has_table(folder, f"meshes/{configuration}") else "predictions"
-    return read_table(folder, f"{group}/{configuration}")
+def read_surfaces(folder: Path, configuration: str) -> Arrays | None:
+    """Read the surfaces of a configuration: its group below `predictions` or, of a network without charts, `meshes`; None if not kept."""
+    names = [name for group in ("meshes", "predictions") if has_table(folder, name := f"{group}/{configuration}")]
+    return read_table(folder, names[0]) if names else None
 
 
 def surface_of(

@@ -1,9 +1,10 @@
-"""One network or method on the objects of a split: reconstruct each case once, and measure it by a protocol."""
+"""Measure reconstructors on the objects of a split: reconstruct each case once, and measure it by a protocol."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,25 +15,19 @@ from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError, StoreError
 from pipeline.kernels.geometry.mesh import sample_triangles
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances, sampled_area, sampling_floor
+from pipeline.models import reconstruction
+from pipeline.models.observation import Observation, stored_observation
 from pipeline.models.reconstruction import Reconstruction
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
+from pipeline.store.shard import RowView
 from pipeline.store.storage import Location
 from schemas.surfaces import SURFACES
 from stages.evaluate.evaluation_files import Arrays, Figure, Figures
-from stages.evaluate.reconstructors import Case, Reconstructor
 
 SPLIT = "test"
 PAPER_DIAGONAL = 0.5
 """Diagonal to which the paper scales its objects, m."""
-
-
-def training_objects(data: Location, arrays: Iterable[str]) -> ObjectRows | None:
-    """Open the training objects, from which baselines retrieve; None if there are none, or all of them failed."""
-    try:
-        return ObjectRows(data, list(arrays), "train")
-    except StoreError:
-        return None
 
 
 def has_paper_sizes(data: Location) -> bool:
@@ -46,59 +41,143 @@ def has_paper_sizes(data: Location) -> bool:
     return all(rows.read("metres_per_unit", object_id) == 0 for object_id in rows.object_ids)
 
 
-class TestObjects:
-    """Hold the objects of the test split that have every array which a model needs: the same for all models.
+class TestObjects(ObjectRows):
+    """The objects of the test split that have every array which a reconstructor needs: the same for all."""
 
-    `count` is the number of points of S^obj per object: as many as are drawn from a reconstruction. A `StageError` says
-    that the dataset has fewer.
-    """
-
-    def __init__(self, data: Location, arrays: Iterable[str], count: int, stage: str) -> None:
-        self.rows, self.count = ObjectRows(data, list(arrays), SPLIT), count
-        self.surfaces = DataDirectory(data).collection(SURFACES)
-        if (available := self.rows.size("points", "point")) < count:
+    def __init__(
+        self,
+        data: Location,
+        arrays: Iterable[str],
+        count: int,  # points of S^obj per object: as many as are drawn from a reconstruction
+        stage: str,
+    ) -> None:
+        super().__init__(data, list(arrays), SPLIT)
+        self.count = count
+        if (available := self.size("points", "point")) < count:
             raise StageError(f"{stage}.points is {count}, the dataset has {available} points per object; lower it, or sample more surface")
 
-    def __len__(self) -> int:
-        return len(self.rows)
+    def surface(self, object_id: str) -> RowView:
+        """Open an object's row of `surfaces`."""
+        return self.directory.collection(SURFACES).view(object_id)
 
-    def stack(self, array: str) -> np.ndarray:
-        """Read an array of all objects: (object, …)."""
-        return np.stack([self.rows.read(array, object_id) for object_id in self.rows.object_ids])
-
-    def points(self, row: int) -> NDArray[np.float64]:
+    def points(self, object_id: str) -> NDArray[np.float64]:
         """Read (count, 3) points of S^obj of an object, world frame, m: drawn independently, hence the first are a fair sample."""
-        return self.rows.read("points", self.rows.object_ids[row])[: self.count].astype(np.float64)
+        return self.read("points", object_id)[: self.count].astype(np.float64)
 
-    def normals(self, row: int) -> NDArray[np.float64]:
+    def normals(self, object_id: str) -> NDArray[np.float64]:
         """Read the (count, 3) outward unit normals at `points`."""
-        return self.rows.read("normals", self.rows.object_ids[row])[: self.count].astype(np.float64)
+        return self.read("normals", object_id)[: self.count].astype(np.float64)
 
-    def area(self, row: int) -> float:
+    def area(self, object_id: str) -> float:
         """Estimate the area of an object's surface, m², from distances between points: two sides of thin parts count once."""
-        return sampled_area(self.points(row))
-
-    def diagonal(self, row: int) -> float:
-        """Compute the diagonal of an object's bounding box, m."""
-        return self.rows.diagonal(self.rows.object_ids[row])
+        return sampled_area(self.points(object_id))
 
     def table(self) -> Arrays:
         """Make the group `objects` of the schema."""
-        areas = [self.area(row) for row in range(len(self))]
+        areas = [self.area(object_id) for object_id in self.object_ids]
         return {
-            "object_id": np.array(self.rows.object_ids),
-            "category": np.array(self.rows.categories),
-            "diagonal": np.array([self.diagonal(row) for row in range(len(self))]),
+            "object_id": np.array(self.object_ids),
+            "category": np.array(self.categories),
+            "diagonal": np.array([self.diagonal(object_id) for object_id in self.object_ids]),
             "area": np.array(areas),
             "floor": np.array([sampling_floor(area, self.count) for area in areas]),
         }
 
 
 @dataclass(frozen=True)
-class MeasuredCase:
-    """Hold a reconstruction of an object in a case, and its distances to the object."""
+class Case:
+    """Choose grasps, or a view, the same for every object."""
 
-    row: int  # the object's number
+    first: int  # the first grasp, with whose hand the occluded image is; or the view
+    grasps: tuple[int, ...]  # whose touches are given, none for a network without touch
+    grasp_count: int  # under which the figures are reported
+    firsts: tuple[int, ...]  # the first grasps whose figures the reconstruction gives
+
+
+class Reconstructor(ABC):
+    """Reconstructs test objects in the cases that it has: a row of the tables."""
+
+    name: str
+    image: str | None  # the kind of image that it, or baselines beside it, take
+    touch: bool  # whether it, or baselines beside it, take touches
+    inputs: Mapping[str, Any]  # for tables
+    charts = False  # whether it takes touches as touch charts
+    has_charts = False  # whether its surfaces are deformed charts
+    keeps_surfaces = False  # whether the evaluation keeps them
+
+    def prepare(self, protocol: "Protocol", grasps: int) -> None:  # noqa: B027 (optional)
+        """Check what is needed for the protocol's objects, which have `grasps` grasps each; by default nothing."""
+
+    @abstractmethod
+    def cases(self, available: int, numbers: Sequence[int]) -> list[Case]:
+        """List the cases of objects with `available` grasps each, for the requested numbers of grasps."""
+
+    @abstractmethod
+    def reconstruct(self, objects: ObjectRows, work: Sequence[tuple[str, Case]]) -> list[Reconstruction]:
+        """Reconstruct objects, by id, in cases."""
+
+    def remarks(self) -> Iterable[str]:
+        """Report on what was measured; by default nothing."""
+        return ()
+
+
+class Network(Reconstructor):
+    """A trained network."""
+
+    def __init__(
+        self,
+        name: str,
+        model: reconstruction.Reconstructor,
+        *,
+        first_only: bool = False,  # only cases that begin with the first grasp: a fifth of the time of five grasps
+        keeps_surfaces: bool = True,
+    ) -> None:
+        self.name, self.model, self.first_only, self.keeps_surfaces = name, model, first_only, keeps_surfaces
+        self.image, self.touch, self.charts, self.has_charts = model.image, model.touch, model.touch, model.has_charts
+        self.inputs = {"image": self.image, "touch": self.touch}
+
+    def cases(self, available: int, numbers: Sequence[int]) -> list[Case]:
+        cases = make_cases(available, numbers, touch=self.touch, occluded=self.image == "occluded")
+        return [replace(case, firsts=(0,)) for case in cases if case.first == 0] if self.first_only else cases
+
+    def observe(self, objects: ObjectRows, object_id: str, case: Case) -> Observation:
+        """Read its input."""
+        return stored_observation(objects, object_id, case.grasps or (case.first,), self.model.config)
+
+    def reconstruct(self, objects: ObjectRows, work: Sequence[tuple[str, Case]]) -> list[Reconstruction]:
+        return self.model.reconstruct([self.observe(objects, object_id, case) for object_id, case in work])
+
+
+def make_cases(
+    available: int,  # grasps per object
+    numbers: Sequence[int],  # of grasps to evaluate; those above `available` are skipped
+    *,
+    touch: bool,  # the network takes touches
+    occluded: bool,  # the network takes the occluded image
+) -> list[Case]:
+    """List the cases of a network.
+
+    A network without touch gives the same result for any number of grasps, and without the occluded image for any grasp.
+    All grasps together are the same input whichever comes first.
+    """
+    every = tuple(range(available))
+    if not touch:
+        return [Case(first, (), 1, (first,)) for first in every] if occluded else [Case(0, (), 1, every)]
+    cases = []
+    for number in (number for number in numbers if number <= available):
+        if number == available and not occluded:
+            cases.append(Case(0, every, number, every))
+            continue
+        for first in every:
+            cases.append(Case(first, tuple((first + step) % available for step in range(number)), number, (first,)))
+    return cases
+
+
+@dataclass(frozen=True)
+class MeasuredCase:
+    """A reconstruction of an object in a case, and its distances to the object."""
+
+    object_id: str
     case: Case
     reconstruction: Reconstruction
     points: NDArray[np.float64]  # (N, 3) m, drawn from the reconstruction
@@ -108,19 +187,29 @@ class MeasuredCase:
 
 
 class Protocol(ABC):
-    """Choose the inputs of networks and the figures of their reconstructions."""
+    """Choose the cases of reconstructors and the figures of their reconstructions."""
 
     stage: ClassVar[str]  # its name
-    objects: TestObjects
-    training: ObjectRows | None  # from which baselines retrieve, if there are any
+
+    def __init__(
+        self,
+        job: DatasetJob,
+        arrays: Sequence[str],  # of the test objects
+        training_arrays: Sequence[str],  # of the training objects, from which baselines retrieve
+    ) -> None:
+        self.job, self.settings = job, job.settings
+        self.objects = TestObjects(job.data, arrays, job.settings.points, self.stage)
+        self.training: ObjectRows | None = None
+        with suppress(StoreError):  # there are none, or all of them failed
+            self.training = ObjectRows(job.data, training_arrays, "train")
 
     @abstractmethod
     def cases(self, reconstructor: Reconstructor) -> list[Case]:
-        """List the cases of a network or method."""
+        """List the cases of a reconstructor."""
 
     @abstractmethod
     def identity(self, object_id: str, case: Case) -> tuple[str | int, ...]:
-        """Name the draw of points from a reconstruction, for the random generator: the same for every network."""
+        """Name the draw of points from a reconstruction, for the random generator: the same for every reconstructor."""
 
     @abstractmethod
     def figures(self, reconstructor: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
@@ -128,7 +217,7 @@ class Protocol(ABC):
 
     @abstractmethod
     def baselines(self) -> dict[str, Figures]:
-        """Measure training objects in place of reconstructions, by method of choice."""
+        """Measure training objects in place of reconstructions, by method of choice; none without training objects."""
 
     def extra(self) -> dict[str, Arrays]:
         """Make further groups of the schema; by default none."""
@@ -136,15 +225,15 @@ class Protocol(ABC):
 
 
 def sample_reconstruction(
-    reconstruction: Reconstruction,  # a surface, or a point cloud without faces
+    surface: Reconstruction,  # or a point cloud without faces
     count: int,  # points; of a cloud with fewer, all of them
     rng: np.random.Generator,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:  # points (N, 3) m; vertices (N, 3) of their faces, (0, 3) of a cloud
     """Draw points from the surface of a reconstruction."""
-    if not len(reconstruction.faces):
-        return rng.permutation(reconstruction.vertices)[:count], reconstruction.faces
-    points, face = sample_triangles(reconstruction.vertices[reconstruction.faces], count, rng)
-    return points, reconstruction.faces[face]
+    if not len(surface.faces):
+        return rng.permutation(surface.vertices)[:count], surface.faces
+    points, face = sample_triangles(surface.vertices[surface.faces], count, rng)
+    return points, surface.faces[face]
 
 
 def measure(
@@ -152,56 +241,49 @@ def measure(
     protocol: Protocol,
     job: DatasetJob,  # batch size and seed
 ) -> tuple[list[Figure], Arrays]:  # figures, and the group below `predictions` or `meshes`, empty if no surfaces are kept
-    """Measure a network or method on the test objects; a `StageError` names a reconstruction that is not finite."""
+    """Measure a reconstructor on the test objects; a `StageError` names a reconstruction that is not finite."""
     objects, cases, size = protocol.objects, protocol.cases(reconstructor), job.settings.batch_size
     kept_cases = cases if reconstructor.has_charts else [case for case in cases if case.first == 0]  # meshes are larger
     rows: list[Figure] = []
     kept: list[Reconstruction] = []
-    work = [(row, case) for row in range(len(objects)) for case in cases]
+    work = [(object_id, case) for object_id in objects.object_ids for case in cases]
     with Meter(job.console, f"{protocol.stage} {reconstructor.name}", len(work), "reconstructions") as meter:
         for start in range(0, len(work), size):
             batch = work[start : start + size]
-            surfaces = reconstructor.reconstruct(objects.rows, [(objects.rows.object_ids[row], case) for row, case in batch])
-            for (row, case), surface in zip(batch, surfaces, strict=True):
+            for (object_id, case), made in zip(batch, reconstructor.reconstruct(objects, batch), strict=True):
                 # float32, in which it is stored and exported, so that measurements can be repeated from files
-                reconstruction = replace(surface, vertices=surface.vertices.astype(np.float32).astype(np.float64))
-                object_id = objects.rows.object_ids[row]
+                surface = replace(made, vertices=made.vertices.astype(np.float32).astype(np.float64))
                 identity = protocol.identity(object_id, case)
-                if not np.isfinite(reconstruction.vertices).all():
+                if not np.isfinite(surface.vertices).all():
                     case_name = " ".join(map(str, (reconstructor.name, *identity)))
                     raise StageError(f"the reconstruction of {case_name} holds NaN or infinity; was the model trained to the end?")
-                points, faces = sample_reconstruction(reconstruction, objects.count, numpy_rng(job.seed, protocol.stage, *identity))
-                distances = cloud_distances(points, objects.points(row))
-                measured = MeasuredCase(row, case, reconstruction, points, faces, distances, is_first=case is cases[0])
+                points, faces = sample_reconstruction(surface, objects.count, numpy_rng(job.seed, protocol.stage, *identity))
+                distances = cloud_distances(points, objects.points(object_id))
+                measured = MeasuredCase(object_id, case, surface, points, faces, distances, is_first=case is cases[0])
                 rows += [
                     Figure(object_id, first, case.grasp_count, metric, value)
                     for first, metric, value in protocol.figures(reconstructor, measured)
                 ]
                 if reconstructor.keeps_surfaces and case in kept_cases:
-                    kept.append(reconstruction)
+                    kept.append(surface)
                 meter.advance()
     if not kept:
         return rows, {}
-    surfaces_of = _charts if reconstructor.has_charts else _meshes
+    shape = (len(objects), len(kept_cases))
+    if reconstructor.has_charts:
+        vertices = np.array([surface.vertices[: surface.vision] for surface in kept], np.float32)
+        faces = kept[-1].faces[(kept[-1].faces < kept[-1].vision).all(axis=1)]
+        surfaces: Arrays = {"vertices": vertices.reshape(*shape, -1, 3), "faces": faces, "position": kept[-1].position}
+    else:
+        surfaces = {
+            "vertices": np.concatenate([surface.vertices for surface in kept]),
+            "faces": np.concatenate([surface.faces for surface in kept]),
+            "vertex_count": np.reshape([len(surface.vertices) for surface in kept], shape),
+            "face_count": np.reshape([len(surface.faces) for surface in kept], shape),
+        }
     return rows, {
-        "object_id": np.array(objects.rows.object_ids),
+        "object_id": np.array(objects.object_ids),
         "first_grasp": np.array([case.first for case in kept_cases]),
         "grasps_given": np.array([len(case.grasps) for case in kept_cases]),
-        **surfaces_of(kept, (len(objects), len(kept_cases))),
-    }
-
-
-def _charts(kept: Sequence[Reconstruction], shape: tuple[int, int]) -> Mapping[str, np.ndarray]:
-    example = kept[-1]
-    vertices = np.array([surface.vertices[: surface.vision] for surface in kept], np.float32)
-    faces = example.faces[(example.faces < example.vision).all(axis=1)]
-    return {"vertices": vertices.reshape(*shape, -1, 3), "faces": faces, "position": example.position}
-
-
-def _meshes(kept: Sequence[Reconstruction], shape: tuple[int, int]) -> Mapping[str, np.ndarray]:
-    return {
-        "vertices": np.concatenate([surface.vertices for surface in kept]),
-        "faces": np.concatenate([surface.faces for surface in kept]),
-        "vertex_count": np.reshape([len(surface.vertices) for surface in kept], shape),
-        "face_count": np.reshape([len(surface.faces) for surface in kept], shape),
+        **surfaces,
     }

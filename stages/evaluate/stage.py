@@ -4,7 +4,7 @@ import json
 import shlex
 import shutil
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -28,8 +28,7 @@ from schemas.vision import VISION
 from stages.evaluate.evaluation_files import METRICS, Arrays, Figure, Figures, evaluation_name, long_table, write_evaluation
 
 if TYPE_CHECKING:
-    from stages.evaluate.measure import Protocol
-    from stages.evaluate.reconstructors import Reconstructor
+    from stages.evaluate.measure import Protocol, Reconstructor
 
 MEASURED = "measured"
 """Folder of the row files of finished networks, which a killed run leaves."""
@@ -112,15 +111,34 @@ class SingleImageEvaluationSettings(MeasuringSettings):
 
 
 class Evaluation(DatasetStage):
-    """Measure networks or other methods by a protocol."""
+    """Measure networks or other reconstructors by a protocol."""
+
+    keeps_surfaces: ClassVar[bool] = True
 
     @abstractmethod
-    def reconstructors(self, job: DatasetJob) -> "Sequence[Reconstructor]":
-        """Load what is measured: a row of the tables each."""
+    def networks(self, settings: Any) -> dict[str, str]:
+        """Name the model of each network that is measured, a row of the tables each."""
 
     @abstractmethod
     def protocol(self, job: DatasetJob, reconstructors: "Sequence[Reconstructor]") -> "Protocol":
         """Open the objects and choose what is measured of reconstructions."""
+
+    def models(self, settings: Any) -> tuple[str, ...]:
+        """Name the models, of which one may have several rows."""
+        return tuple(dict.fromkeys(self.networks(settings).values()))
+
+    def splits(self, settings: Any) -> tuple[str, ...]:
+        """Name the split that is measured, and the one that baselines retrieve from."""
+        return ("train", "test")
+
+    def reconstructors(self, job: DatasetJob) -> "Sequence[Reconstructor]":
+        """Load what is measured."""
+        from pipeline.training.device import device_of
+        from stages.evaluate.measure import Network
+
+        folders = {name: job.models[model] for name, model in self.networks(job.settings).items()}
+        loaded = load_rows(folders, device_of(job.settings.accelerator))
+        return [Network(name, model, keeps_surfaces=self.keeps_surfaces) for name, model in loaded.items()]
 
     def attributes(self, job: DatasetJob, protocol: Any) -> dict[str, Any]:
         """Return further attributes of the evaluation's root; by default none."""
@@ -133,7 +151,7 @@ class Evaluation(DatasetStage):
 
         reconstructors = self.reconstructors(job)
         protocol = self.protocol(job, reconstructors)
-        rows = protocol.objects.rows
+        rows = protocol.objects
         figures: dict[str, Figures] = {}
         groups: dict[str, Mapping[str, Any]] = {"objects": protocol.objects.table(), **protocol.extra()}
         with torch_threads(job.settings.threads):
@@ -149,7 +167,7 @@ class Evaluation(DatasetStage):
             "seed": job.seed,
             "split": rows.split,
             "configurations": {item.name: item.inputs for item in reconstructors},
-            "left_out": rows.failed,
+            "failed": rows.failed,
             "training_objects": len(protocol.training or ()),
             "paper_sizes": has_paper_sizes(job.data),
             **self.attributes(job, protocol),
@@ -162,7 +180,7 @@ class Evaluation(DatasetStage):
         training = {Path(name).name: DataDirectory(job.data).folder(name).facts for name in job.models}
         if training:
             job.console.print(escape(f"`vt-pipeline report {shlex.quote(str(job.data))}` shows what was measured"))
-        return {"objects": len(protocol.objects), "left_out": len(rows.failed), "training": training}
+        return {"objects": len(rows), "failed": len(rows.failed), "training": training}
 
 
 def _measured(item: "Reconstructor", protocol: "Protocol", job: DatasetJob) -> tuple[list[Figure], Arrays]:
@@ -180,6 +198,13 @@ def _measured(item: "Reconstructor", protocol: "Protocol", job: DatasetJob) -> t
     return rows, surfaces
 
 
+def artifacts_of(configurations: Iterable[str]) -> list[Artifact]:
+    """Name the artifacts that networks take."""
+    networks = [ROWS[name].inputs for name in configurations]
+    takes_image, takes_touch = any(network.image for network in networks), any(network.touch for network in networks)
+    return [*([VISION] if takes_image else []), *([TOUCH, CHARTS] if takes_touch else [])]
+
+
 class Evaluate(Evaluation):
     """Measure trained networks around the grasps of the test objects, for the supplement's tables."""
 
@@ -189,17 +214,10 @@ class Evaluate(Evaluation):
 
     def inputs(self, settings: EvaluationSettings) -> tuple[Artifact, ...]:
         """Name the artifacts that the networks take, and the grasps, around whose touch sites each is measured."""
-        networks = [ROWS[name].inputs for name in settings.configurations]
-        takes_image, takes_touch = any(network.image for network in networks), any(network.touch for network in networks)
-        return (SURFACES, GRASPS, *([VISION] if takes_image else []), *([TOUCH, CHARTS] if takes_touch else []))
+        return (SURFACES, GRASPS, *artifacts_of(settings.configurations))
 
-    def models(self, settings: EvaluationSettings) -> tuple[str, ...]:
-        """Name the models, of which one may have several rows."""
-        return tuple(dict.fromkeys(model_name(name, settings.training_seed) for name in settings.configurations))
-
-    def splits(self, settings: EvaluationSettings) -> tuple[str, ...]:
-        """Name the split that is measured, and the one that baselines retrieve from."""
-        return ("train", "test")
+    def networks(self, settings: EvaluationSettings) -> dict[str, str]:
+        return {name: model_name(name, settings.training_seed) for name in settings.configurations}
 
     def writes(self, settings: EvaluationSettings) -> str:
         """Name the evaluation of a data directory; each training seed has its own."""
@@ -210,16 +228,8 @@ class Evaluate(Evaluation):
         reconstructions = 12 * len(settings.configurations) * objects / 5
         return Cost(seconds=0.1 * reconstructions, kilobytes=15 * reconstructions)
 
-    def reconstructors(self, job: DatasetJob) -> "Sequence[Reconstructor]":
-        """Load the network of each configuration."""
-        from pipeline.training.device import device_of
-        from stages.evaluate.reconstructors import Network
-
-        folders = {name: job.models[model_name(name, job.settings.training_seed)] for name in job.settings.configurations}
-        return [Network(name, model) for name, model in load_rows(folders, device_of(job.settings.accelerator)).items()]
-
     def protocol(self, job: DatasetJob, reconstructors: "Sequence[Reconstructor]") -> "Protocol":
-        from stages.evaluate.grasp_protocol import GraspProtocol
+        from stages.evaluate.protocols import GraspProtocol
 
         return GraspProtocol(job, reconstructors)
 
@@ -230,16 +240,13 @@ class EvaluateSingleImage(Evaluation):
     name = "evaluate-single-image"
     summary = "The single-image network on the test objects: Table 4, beside the published rows."
     settings_type = SingleImageEvaluationSettings
+    keeps_surfaces = False
 
     def inputs(self, settings: SingleImageEvaluationSettings) -> tuple[Artifact, ...]:
         return (SURFACES, RENDERINGS)
 
-    def models(self, settings: SingleImageEvaluationSettings) -> tuple[str, ...]:
-        return (model_name("single-image"),)
-
-    def splits(self, settings: SingleImageEvaluationSettings) -> tuple[str, ...]:
-        """Name the split that is measured, and the one that baselines retrieve from."""
-        return ("train", "test")
+    def networks(self, settings: SingleImageEvaluationSettings) -> dict[str, str]:
+        return {"single-image": model_name("single-image")}
 
     def writes(self, settings: SingleImageEvaluationSettings) -> str:
         return "evaluation-single-image"
@@ -248,18 +255,10 @@ class EvaluateSingleImage(Evaluation):
         """Estimate a fifth of the objects, 0.3 s per view."""
         return Cost(seconds=0.06 * settings.views * objects, kilobytes=0.1 * objects)
 
-    def reconstructors(self, job: DatasetJob) -> "Sequence[Reconstructor]":
-        from pipeline.training.device import device_of
-        from stages.evaluate.reconstructors import Network
-
-        folders = {"single-image": job.models[model_name("single-image")]}
-        loaded = load_rows(folders, device_of(job.settings.accelerator))
-        return [Network(name, model, keeps_surfaces=False) for name, model in loaded.items()]
-
     def protocol(self, job: DatasetJob, reconstructors: "Sequence[Reconstructor]") -> "Protocol":
-        from stages.evaluate.single_image_protocol import SingleImageProtocol
+        from stages.evaluate.protocols import SingleImageProtocol
 
-        return SingleImageProtocol(job, reconstructors)
+        return SingleImageProtocol(job)
 
     def attributes(self, job: DatasetJob, protocol: Any) -> dict[str, Any]:
         """Return the manifest and the number of views, which Table 4 names."""

@@ -11,11 +11,11 @@ from PIL import Image
 
 from pipeline.checks.description_checks import check_file, described_file
 from pipeline.checks.hand_check import gel_lines
+from pipeline.contrib.report.results import training_losses
 from pipeline.drawing.plots import draw_curves, draw_histogram
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.tables.results import training_losses
 from tests.checks.edited_descriptions import edited
 from tests.reconstruct.robot import write_files, write_observation
 

@@ -49,7 +49,7 @@ def data(tmp_path_factory) -> Path:
     return folder
 
 
-MODULES = ("pipeline.models.shipped_weights", "pipeline.reconstruct.predict", "stages.evaluate.shipped", "benchmarks.ship_weights")
+MODULES = ("pipeline.models.shipped_weights", "pipeline.reconstruct.predict", "stages.evaluate.scores", "benchmarks.ship_weights")
 
 
 @pytest.fixture(scope="module")

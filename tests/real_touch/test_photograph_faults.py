@@ -11,12 +11,12 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from pipeline.cli.app import app
+from pipeline.contrib.calibration.ball_contact import Circle, ball_impression
 from pipeline.contrib.calibration.ball_photographs import read_photographs
 from pipeline.contrib.calibration.calibrate_sensor import uncalibrated_sensor
+from pipeline.contrib.calibration.colour_fit import fit_background
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.ball_contact import Circle, ball_impression
-from pipeline.kernels.touch.colour_fit import fit_background
 from pipeline.kernels.touch.photograph_faults import photograph_faults, untouched_faults
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image

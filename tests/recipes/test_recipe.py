@@ -201,7 +201,7 @@ def test_published_rows_are_compared_without_computing(published: Path, remade: 
     other = change_recipe(published, tmp_path, lambda content: content.update(objects=_other_digest(content["objects"], "rod", 1)))
     code, output = vt("validate", remade[0] / "data", "--recipe", other)
     assert code == 1
-    assert "simulate-grasps: the recipe's digests of rod are wrong, for the roots of their shards agree" in output
+    assert "simulate-grasps: other rows of rod" in output
 
 
 def test_sample_is_made_and_compared(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
@@ -357,12 +357,12 @@ def test_recipe_without_images_can_be_remade_and_one_without_what_a_stage_reads_
         (("stages", "simulate-grasps", "settings", "hand"), "my_hand.yaml", "unknown hand my_hand.yaml"),
         (("stages", "simulate-grasps", "settings", "hand"), "robot/meshes/palm.obj", "unknown hand robot/meshes/palm.obj"),
         (("stages", "simulate-grasps", "settings", "hand"), {"a": [1]}, "unknown hand {'a': [1]}"),
-        (("texts", "../x.yaml"), "a: 1", "'../x.yaml' must be a path below the folder"),
-        (("texts", "robot/.ssh/x.yaml"), "a: 1", "'robot/.ssh/x.yaml' must be a path below the folder"),
+        (("texts", "../x.yaml"), "a: 1", "'../x.yaml' must be a path below its folder"),
+        (("texts", "robot/.ssh/x.yaml"), "a: 1", "'robot/.ssh/x.yaml' must be a path below its folder"),
         (("texts", "setup.py"), "a: 1", "'setup.py' is no name of a text file"),
-        (("texts", f"{'x' * 255}.yaml"), "a: 1", "x' must be a path below the folder"),
+        (("texts", f"{'x' * 255}.yaml"), "a: 1", "x' must be a path below its folder"),
         (("texts", "my_scene.yaml/x.yaml"), "a: 1", "x.yaml cannot be written"),
-        (("files", "/etc/hostname"), "0" * 64, "'/etc/hostname' must be a path below the folder"),
+        (("files", "/etc/hostname"), "0" * 64, "'/etc/hostname' must be a path below its folder"),
         (("files_url",), "file:///etc/hostname", "files_url: String should match pattern"),
         (("stages", "simulate-touch", "settings", "sensors"), ["/tmp/x.yaml"], "unknown sensor /tmp/x.yaml"),
         (("stages", "render-vision", "settings", "scene"), "~/scene.yaml", "unknown scene ~/scene.yaml"),
@@ -474,8 +474,8 @@ def test_description_file_that_names_a_file_elsewhere_is_refused(
     options = ["--objects", remade[0] / "mine", "--descriptions", own, "--data", tmp_path / "d"]
     code, output = vt("remake", change_recipe(published, tmp_path, change), *options)
     assert code == 1
-    named = new.removeprefix("sensor: ")
-    assert f"the recipe's {name.replace('urdf/gripper.urdf', 'hand.yaml')} names {named!r}, which may lie outside" in output
+    named = re.escape(new.removeprefix("sensor: "))
+    assert re.search(rf"the recipe's {name.replace('urdf/gripper.urdf', 'hand.yaml')} names '\S*{named}', which may lie outside", output)
     assert not (tmp_path / "d").exists()
 
 

@@ -14,18 +14,18 @@ from typer.testing import CliRunner
 from checks.fuzz.target import seal
 from pipeline.cli import app
 from pipeline.config.settings import Settings
+from pipeline.contrib.report.results import results_tables
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
 from pipeline.errors import InvalidInput
 from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
-from pipeline.reconstruct.score import files_digest
 from pipeline.store.directory import DataDirectory
 from pipeline.tables.comparison import scores
-from pipeline.tables.results import results_tables
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import METRICS, read_figures
-from stages.evaluate.scored_files import find_faults, find_files, misplacement, read_surface
+from stages.evaluate.files import find_faults, find_files, misplacement, read_surface
+from stages.evaluate.scores import files_digest
 from stages.evaluate.stage import Evaluate, EvaluationSettings
 from tests.engine.tiny_stages import pack
 from tests.stages import ball_dataset as spheres
@@ -167,7 +167,7 @@ def test_a_detail_with_many_vertices_is_not_taken_for_the_size(tmp_path):
     points = rng.uniform(-0.1, 0.1, (2000, 3)) + spheres.CENTRE
     box, detail = trimesh.creation.box((0.2, 0.2, 0.2)), trimesh.creation.icosphere(5, 0.001)
     trimesh.util.concatenate([box, detail]).apply_translation(spheres.CENTRE).export(tmp_path / "a.ply")
-    assert not list(find_faults(find_files(tmp_path, ["a"], [], 1, 5), tmp_path, {"a": points}.__getitem__, misplaced=False))
+    assert not list(find_faults(find_files(tmp_path, ["a"], [], 1, 5), {"a": points}.__getitem__, misplaced=False))
 
 
 def test_files_with_y_up_are_distinguished_from_bad_ones(tmp_path):
@@ -177,11 +177,11 @@ def test_files_with_y_up_are_distinguished_from_bad_ones(tmp_path):
         x, y, z = (points - spheres.CENTRE).T
         np.save(tmp_path / f"{name}.npy", spheres.CENTRE + np.stack([x, z, -y], axis=1))
     files = find_files(tmp_path, list(truth), [], 1, 5)
-    (fault,) = find_faults(files, tmp_path, truth.__getitem__, misplaced=False)
+    (fault,) = find_faults(files, truth.__getitem__, misplaced=False)
     assert "the files have y up" in fault
     for name, points in truth.items():
         np.save(tmp_path / f"{name}.npy", points * [3, 1, 0.8] - [0, 0, -0.12])
-    assert not list(find_faults(files, tmp_path, truth.__getitem__, misplaced=False))
+    assert not list(find_faults(files, truth.__getitem__, misplaced=False))
 
 
 def test_invalid_method_name_or_folder_is_refused(data, tmp_path):

@@ -25,7 +25,7 @@ from pipeline.tables.evaluation_tables import evaluation_tables, means_by_class
 from pipeline.tables.supplement_figures import TABLE_4
 from schemas.surfaces import SURFACES
 from stages.evaluate.evaluation_files import read_figures
-from stages.evaluate.single_image_protocol import figures_of
+from stages.evaluate.protocols import table_4_figures
 from stages.registry import load_stage, resolve
 from tests.stages.tiny_dataset import manifest, run_stage
 from tools.synthetic_renderings import write_dataset
@@ -176,7 +176,7 @@ def test_figures_of_two_points_equal_hand_computed_values():
     """In metres 0.01 and 0.02 apart; × 0.5 these are 0.005 and 0.01: squares 2.5e-5 and 1e-4."""
     truth = np.array([[0.0, 0, 0], [1, 0, 0]])
     apart = cloud_distances(np.array([[0.01, 0, 0], [1.02, 0, 0]]), truth)
-    chamfer, f1, twice = figures_of(apart, scale=0.5, tau=6e-5).values()
+    chamfer, f1, twice = table_4_figures(apart, scale=0.5, tau=6e-5).values()
     assert chamfer == pytest.approx(1000 * 0.25 * 2 * (1e-4 + 4e-4) / 2)
     assert f1 == pytest.approx(0.5)  # one of two points each way
     assert twice == pytest.approx(1)

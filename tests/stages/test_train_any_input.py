@@ -8,6 +8,7 @@ import torch
 import trimesh
 from rich.console import Console
 
+from pipeline.contrib.report.results import trainings_table
 from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
 from pipeline.errors import InvalidInput
@@ -17,7 +18,6 @@ from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
 from pipeline.tables.evaluation_tables import evaluation_tables
-from pipeline.tables.results import trainings_table
 from pipeline.training.items import Items
 from stages.evaluate.evaluation_files import read_figures, read_root
 from stages.registry import load_stage, resolve

@@ -1,7 +1,5 @@
 """Trades as if they were measured."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from pipeline.tradeoff.measured import MeasuredTrade, Point

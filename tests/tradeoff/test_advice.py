@@ -1,16 +1,15 @@
-"""Advice against all combinations of settings, and how limits are read."""
-
-from __future__ import annotations
+"""Means, bounds and fronts of measured points, and their files; advice against all combinations of settings, and how limits are read."""
 
 import itertools
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pipeline.errors import InvalidInput
+from pipeline.errors import InvalidInput, StoreError
 from pipeline.tradeoff.advice import Limit, Workload, choices, parse_duration, parse_limit, within_error, within_time
-from pipeline.tradeoff.measured import MeasuredTrade
+from pipeline.tradeoff.measured import MeasuredTrade, read_trade, trade_path
 from tests.tradeoff.measured_trades import point, trade
 
 LOAD = Workload(objects=10, cores=2)
@@ -80,25 +79,47 @@ def test_bound_of_a_training_is_of_as_many_test_objects_as_a_dataset_has() -> No
     assert choices(learned, LOAD)[0].bound == learned.points[0].bound(5)
 
 
-@pytest.mark.parametrize(("text", "seconds"), [("90s", 90), ("10min", 600), (" 1.5 h ", 5400), ("2d", 172800)])
-def test_durations_are_read(text: str, seconds: float) -> None:
-    assert parse_duration(text) == seconds
+def test_durations_and_limits_are_read_and_others_refused() -> None:
+    assert [parse_duration(text) for text in ("90s", "10min", " 1.5 h ", "2d")] == [90, 600, 5400, 172800]
+    limits = [Limit(0.1, "mm"), Limit(5, "%"), Limit(12, "", "train-gcn")]
+    assert [parse_limit(text) for text in ("0.1mm", "5 %", "train-gcn=12")] == limits
+    for parse, texts in ((parse_duration, ("", "3", "0h", "h", "3 weeks", "-1h")), (parse_limit, ("", "3", "mm", "x=y"))):
+        for text in texts:
+            with pytest.raises(InvalidInput, match="write"):
+                parse(text)
 
 
-@pytest.mark.parametrize("text", ["", "3", "0h", "h", "3 weeks", "-1h"])
-def test_other_durations_are_refused(text: str) -> None:
-    with pytest.raises(InvalidInput, match="write 90s, 10min"):
-        parse_duration(text)
+def test_bound_is_above_the_mean_of_19_in_20_other_samples() -> None:
+    rng = np.random.default_rng(0)
+    kept = []
+    for _ in range(400):
+        known, other = rng.lognormal(sigma=0.5, size=(2, 8))
+        kept.append(other.mean() <= point("a", 1, known).bound(8))
+    assert np.mean(kept) >= 0.95
 
 
-@pytest.mark.parametrize(
-    ("text", "limit"), [("0.1mm", Limit(0.1, "mm")), ("5 %", Limit(5, "%")), ("train-gcn=12", Limit(12, "", "train-gcn"))]
-)
-def test_limits_are_read(text: str, limit: Limit) -> None:
-    assert parse_limit(text) == limit
+def test_bound_falls_with_the_number_of_objects_and_is_infinite_for_one() -> None:
+    some = point("a", 1, [1, 2, 3, 4])
+    assert some.error < some.bound(1000) < some.bound(4)
+    assert point("a", 1, [1]).bound(4) == np.inf
 
 
-@pytest.mark.parametrize("text", ["", "3", "mm", "x=y"])
-def test_other_limits_are_refused(text: str) -> None:
-    with pytest.raises(InvalidInput, match="write a number and its unit"):
-        parse_limit(text)
+def test_bound_of_a_zero_share_follows_the_rule_of_three() -> None:
+    assert point("a", 1, [0, 0, 0, 0]).bound(100, trials=20) == pytest.approx(300 / 80)
+    assert point("a", 1, [0, 0, 0, 0]).bound(100) == 0
+
+
+def test_front_contains_the_pareto_optimal_points() -> None:
+    fast, good, bad, best = point("fast", 1, [4, 4]), point("good", 2, [2, 2]), point("bad", 3, [3, 3]), point("best", 4, [1, 1])
+    assert trade("sample-surfaces", "mm", best, bad, fast, good).front() == [fast, good, best]
+
+
+def test_trade_is_read_as_written_and_damage_is_named(tmp_path: Path) -> None:
+    written = trade("sample-surfaces", "mm", point("a", 1, [1, 2]), point("b", 2, [0.5, 1], points=5))
+    written.write(tmp_path)
+    assert read_trade(tmp_path, "sample-surfaces") == written
+    assert read_trade(tmp_path, "render-vision") is None
+    assert written.own() == written.points[0]
+    trade_path(tmp_path, "sample-surfaces").write_text("{}")
+    with pytest.raises(StoreError, match="remove it, then run `vt-pipeline tradeoff sample-surfaces`"):
+        read_trade(tmp_path, "sample-surfaces")

@@ -1,10 +1,8 @@
-"""Trades measured for real on a few toy objects."""
-
-from __future__ import annotations
+"""Trades measured for real on a few toy objects, and samples that represent all objects within a time limit."""
 
 import io
-import shutil
 import time
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +11,7 @@ import pytest
 from PIL import Image
 
 from pipeline.config.manifest import load_manifest
+from pipeline.config.sources import Object
 from pipeline.console import console
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import InvalidInput, StoreError
@@ -20,10 +19,9 @@ from pipeline.formats.description_file import description_path
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.store.directory import DataDirectory
-from pipeline.tradeoff.end_to_end import NETWORK, _key, coarse_sensor
-from pipeline.tradeoff.measure import Setup, candidates, forecast, measure_trade, stages_before, trade_key
+from pipeline.tradeoff.end_to_end import NETWORK, coarse_sensor
+from pipeline.tradeoff.measure import FEWEST, MOST, Setup, candidates, forecast, measure_trade, stage_key, stages_before, stratified
 from pipeline.tradeoff.measured import FOLDER, MeasuredTrade, read_trade, trade_path
-from pipeline.tradeoff.sample import stratified
 from schemas.surfaces import SURFACES
 from stages.registry import TRADED, load_trade
 from stages.simulate_grasps.stage import sensors_of_grasps
@@ -60,7 +58,7 @@ def test_time_that_is_too_short_for_any_candidate_is_refused(tmp_path: Path) -> 
 def test_another_sample_may_share_no_object_with_the_first(tmp_path: Path) -> None:
     items = load_manifest("toy").objects(None)
     for objects in (items[:2], items[2:4]):
-        sample = setup(tmp_path, objects=objects, assignments=(FAST, "simulate-grasps.attempts=10"))
+        sample = setup(tmp_path, objects=objects, assignments=(FAST, "simulate-grasps.attempts=5"))
         measure_trade("simulate-grasps", sample, limit=1e9, deadline=0, console=console)
     (inputs,) = (tmp_path / FOLDER).glob("inputs-*")
     assert list(DataDirectory(inputs).collection(SURFACES)) == sorted(item.object_id for item in items[2:4])
@@ -77,13 +75,6 @@ def test_more_points_take_more_bytes_and_cover_better(measured_data: Path) -> No
         assert values == sorted(values, reverse=value == "error")
     coarse, fine = points[0].error, points[3].error
     assert coarse / fine == pytest.approx(np.sqrt(8), rel=0.15)  # the distance to the nearest of n points falls as 1/√n
-
-
-def test_errors_of_other_objects_keep_to_the_bounds(measured_data: Path, tmp_path: Path) -> None:
-    known, other = measure(setup(measured_data)), measure(setup(tmp_path, seed=5))
-    assert set(known.objects) != set(other.objects)
-    for one, met in zip(known.points, other.points, strict=True):
-        assert met.error <= one.bound(len(other.objects))
 
 
 def test_repeated_measurement_runs_no_stage(measured_data: Path) -> None:
@@ -106,14 +97,14 @@ def test_interrupted_and_resumed_measurement_gives_the_same_errors(measured_data
 
 def test_other_settings_are_measured_again(measured_data: Path) -> None:
     own = setup(measured_data)
-    assert trade_key(STAGE, own) == trade_key(STAGE, own.with_objects(()))
+    assert stage_key(STAGE, own) == stage_key(STAGE, replace(own, objects=()))
     for other in (
         setup(measured_data, assignments=(FAST, "sample-surfaces.diagonal=0.3")),
         setup(measured_data, assignments=("directions=64",)),
     ):
-        assert trade_key(STAGE, other) != trade_key(STAGE, own)
+        assert stage_key(STAGE, other) != stage_key(STAGE, own)
     hands = [
-        trade_key("render-vision", setup(measured_data, assignments=(f"simulate-grasps.hand={hand}",)))
+        stage_key("render-vision", setup(measured_data, assignments=(f"simulate-grasps.hand={hand}",)))
         for hand in ("allegro_right", "allegro_left")
     ]
     assert hands[0] != hands[1]
@@ -123,10 +114,10 @@ def test_key_changes_with_the_content_of_the_sensor_file(tmp_path: Path) -> None
     described = description_path("sensor", "gel_16mm").read_text()
     (file := tmp_path / "gel.yaml").write_text(described)
     own = setup(tmp_path, assignments=(f"simulate-grasps.sensor={file}",), network=NETWORK)
-    before = _key(own)
-    assert _key(own) == before
+    before = stage_key("evaluate", own)
+    assert stage_key("evaluate", own) == before
     file.write_text(described.replace("rows: 100", "rows: 50"))
-    assert _key(own) != before
+    assert stage_key("evaluate", own) != before
 
 
 @pytest.mark.parametrize("stage", TRADED)
@@ -137,12 +128,12 @@ def test_candidates_are_allowed_and_differ(stage: str, tmp_path: Path) -> None:
     assert len(listed) > len(declared.candidates)
     assert len({str(settings.results()) for settings, _ in listed.values()}) == len(listed)
     assert one.settings(stage, declared.reference).results()
-    seconds, left_out = forecast(stage, one, 1e9)
+    seconds, skipped = forecast(stage, one, 1e9)
     assert seconds > 0
-    assert not left_out
+    assert not skipped
 
 
-def test_candidates_that_conflict_with_the_settings_are_left_out(tmp_path):
+def test_candidates_that_conflict_with_the_settings_are_skipped(tmp_path):
     labels = candidates("simulate-grasps", setup(tmp_path, assignments=("simulate-grasps.grasps=50",)))
     assert "ik_samples=256" in labels
     assert "attempts=10" not in labels  # they yield 40 grasps at most
@@ -204,10 +195,44 @@ def test_coarser_sensor_keeps_its_photograph(tmp_path: Path) -> None:
     assert np.abs(untouched_image(coarse).astype(int) - untouched_image(load_sensor("gelsight", shape=(15, 20)))).max() <= 3
 
 
-def test_objects_with_the_same_names_and_other_sources_are_measured_again(measured_data: Path, tmp_path: Path) -> None:
-    one = setup(Path(shutil.copytree(measured_data, tmp_path / "data")))
-    begun = one.begin(tmp_path / "work", STAGE, trade_key(STAGE, one), metric="", unit="", trained=0, total=4)
-    assert begun.points
-    other = one.with_objects([replace(item, source={**item.source, "seed": 5}) for item in one.objects])
-    begun = other.begin(tmp_path / "work", STAGE, trade_key(STAGE, other), metric="", unit="", trained=0, total=4)
-    assert not begun.points
+def test_objects_with_the_same_names_and_other_sources_are_another_sample(tmp_path: Path) -> None:
+    one = setup(tmp_path)
+    other = replace(one, objects=[replace(item, source={**item.source, "seed": 5}) for item in one.objects])
+    assert other.sample != one.sample
+
+
+OBJECTS = [Object(f"{kind}-{split}-{number:02d}", kind, {}, split) for kind in "abc" for split in ("train", "test") for number in range(20)]
+
+
+@pytest.mark.parametrize("count", [6, 12, 30])
+def test_every_split_and_category_has_its_share(count: int) -> None:
+    found = Counter((item.split, item.category) for item in stratified(OBJECTS, count, seed=0))
+    assert sum(found.values()) == count
+    assert set(found.values()) == {count // 6}
+
+
+def test_sample_follows_from_the_seed() -> None:
+    assert stratified(OBJECTS, 12, seed=1) == stratified(OBJECTS, 12, seed=1)
+    assert stratified(OBJECTS, 12, seed=1) != stratified(OBJECTS, 12, seed=2)
+
+
+def test_sample_contains_files_of_all_sizes(tmp_path: Path) -> None:
+    objects = []
+    for size in range(40):
+        (path := tmp_path / f"{size}.obj").write_bytes(b"#" * size)
+        objects.append(Object(f"object-{39 - size:02d}", "", {"file": path}, "train"))
+    sizes = sorted(item.source["file"].stat().st_size for item in stratified(objects, 4, seed=0))
+    assert [size // 10 for size in sizes] == [0, 1, 2, 3]
+
+
+def test_sample_of_a_small_manifest_is_complete_and_contains_rare_splits() -> None:
+    assert stratified(OBJECTS[:3], 4, seed=0) == OBJECTS[:3]
+    lonely = [*OBJECTS[:20], Object("alone", "a", {}, "valid")]
+    assert "alone" in {item.object_id for item in stratified(lonely, 4, seed=0)}
+
+
+@pytest.mark.parametrize(("seconds", "count"), [(0, FEWEST), (10, 10), (1000, MOST)])
+def test_sample_stays_within_the_time_limit(seconds: float, count: int) -> None:
+    objects = [Object(f"{number:02d}", "", {}, "train") for number in range(60)]
+    setup = Setup(Path(), "many", objects, 0, "draft")
+    assert len(setup.affordable(seconds, lambda sample: float(len(sample.objects))).objects) == count

@@ -1,7 +1,5 @@
 """`vt-pipeline tradeoff` and `vt-pipeline advise`, as a user types them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -9,7 +7,7 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.config.manifest import load_manifest
-from pipeline.tradeoff.measure import Setup, trade_key
+from pipeline.tradeoff.measure import Setup, stage_key
 from stages.registry import DATASET
 from tests.tradeoff.measured_trades import point, trade
 
@@ -29,7 +27,7 @@ def measured(tmp_path: Path) -> Path:
             stage, "points" if stage == "sample-surfaces" else "attempts"
         )
         points = point("own", 2, [1, 1, 1, 1]), point("fast", 1, [2, 2, 2, 2], **{name: 16})
-        trade(stage, "mm", *points).model_copy(update={"key": trade_key(stage, own)}).write(tmp_path)
+        trade(stage, "mm", *points).model_copy(update={"key": stage_key(stage, own)}).write(tmp_path)
     return tmp_path
 
 

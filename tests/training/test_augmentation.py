@@ -8,7 +8,7 @@ from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.vision.camera import project_points, projection_matrix
 from pipeline.models.observation import Observation
-from pipeline.training.augmentation import draw_misplacement, misplace, vary_image, vary_observation
+from pipeline.training.items import draw_misplacement, misplace, vary_image, vary_observation
 from stages.train_gcn import GcnSettings
 
 GREY = np.full((64, 64, 3), 100, np.uint8)

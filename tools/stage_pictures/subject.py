@@ -23,7 +23,7 @@ from pipeline.models.observation import Observation, observed_arrays, stored_obs
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.shipped_weights import DEFAULT
 from pipeline.store.storage import Location
-from stages.evaluate.shipped import shipped_folder
+from stages.evaluate.scores import shipped_folder
 from stages.render_vision.renderer import Renderer
 
 

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.console import pluralise
+from pipeline.contrib.calibration.ball_contact import Circle, Photograph
+from pipeline.contrib.calibration.find_contact import SMALLEST, contact_aspect, find_contact
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import read_text
 from pipeline.formats.image_file import image_files, read_image
-from pipeline.kernels.touch.ball_contact import Circle, Photograph
-from pipeline.kernels.touch.find_contact import SMALLEST, contact_aspect, find_contact
 from pipeline.kernels.touch.photograph_faults import photograph_faults, stop_at
 
 CIRCLES = "circles.csv"

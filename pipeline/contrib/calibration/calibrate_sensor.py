@@ -12,14 +12,14 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.console import pluralise
+from pipeline.contrib.calibration.ball_contact import RING, Photograph, ball_impression, distance_from
 from pipeline.contrib.calibration.ball_photographs import MIN_PHOTOGRAPHS, reasons
+from pipeline.contrib.calibration.colour_fit import ColourFit, ColourFitOptions, fit_background, fit_colours
 from pipeline.drawing.picture_sheet import spread_evenly
 from pipeline.drawing.plots import save_figure
 from pipeline.errors import InvalidInput
 from pipeline.formats.image_file import read_image
-from pipeline.kernels.touch.ball_contact import RING, Photograph, ball_impression, distance_from
 from pipeline.kernels.touch.calibrated_shading import calibrated_change
-from pipeline.kernels.touch.colour_fit import ColourFit, ColourFitOptions, fit_background, fit_colours
 from pipeline.kernels.touch.sensor import Calibration, Sensor
 from pipeline.store.atomic import write_atomically
 

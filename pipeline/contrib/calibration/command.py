@@ -46,7 +46,8 @@ def calibrate_sensor(
     """
     from pipeline.contrib.calibration import calibrate_sensor as calibration
     from pipeline.contrib.calibration.ball_photographs import read_photographs
-    from pipeline.kernels.touch.colour_fit import FIT_FOR_DEPTH, ColourFitOptions, fitted_range, missing_photographs
+    from pipeline.contrib.calibration.colour_fit import FIT_FOR_DEPTH, ColourFitOptions, missing_photographs
+    from pipeline.kernels.touch.calibrated_shading import fitted_range
 
     calibration.check_name(out, untouched)
     row_scale = mm_per_row and mm_per_row / mm_per_pixel

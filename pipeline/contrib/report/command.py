@@ -24,14 +24,14 @@ def report(
     The tables show whether the supplement's orderings hold; the pages have a gallery and figures.
     """
     from pipeline.contrib.report.html_report import write_report
+    from pipeline.contrib.report.results import results_tables, training_table
     from pipeline.tables.comparison import scores
     from pipeline.tables.evaluation_tables import evaluation_tables
-    from pipeline.tables.results import results_tables, training_facts, training_table
     from stages.evaluate.evaluation_files import evaluations
 
     directory = DataDirectory(data)
     if shipped:
-        from pipeline.reconstruct.score import score_shipped
+        from stages.evaluate.scores import score_shipped
 
         for reason in score_shipped(directory.root, console):
             print_lines(f"the pretrained network is not measured: {reason}")
@@ -42,8 +42,8 @@ def report(
             print_lines(f"{name} is outdated: {problem}")
     if exists(directory.folder_record(SINGLE)):
         check_origins(directory, [SINGLE])
-        trained = {"single-image": training_facts(directory, "models/single-image")}
-        show_tables(console, [*evaluation_tables(directory.verified_folder(SINGLE)), training_table(trained)])
+        trainings = training_table(directory, {"single-image": "models/single-image"})
+        show_tables(console, [*evaluation_tables(directory.verified_folder(SINGLE)), trainings])
         if not (evaluated or scored or directory.collection(GRASPS).shards):  # single images alone have no pages
             return
     if evaluated or scored:

@@ -22,6 +22,7 @@ from pipeline.contrib.report.figures import CANDIDATES, clearest_grasp, draw_fig
 from pipeline.contrib.report.object_page import ObjectPages
 from pipeline.contrib.report.provenance import commands, contents_table, outside_sweeps, records, settings_tables, versions_tables
 from pipeline.contrib.report.report_source import Picture, ReportSource
+from pipeline.contrib.report.results import GIVEN, results_tables, summarise, trained_models, training_losses
 from pipeline.drawing.picture_sheet import spread_evenly
 from pipeline.drawing.plots import draw_bars, draw_curves, draw_errors, draw_histogram
 from pipeline.drawing.written_files import WRITTEN, ObjectCard, Pages, read_list, refuse_links
@@ -34,11 +35,9 @@ from pipeline.store.digest import hashes_of
 from pipeline.store.directory import changed_files
 from pipeline.store.record import Failure
 from pipeline.store.storage import Location, exists, remove
-from pipeline.tables.results import results_tables, trained_models, training_losses
-from pipeline.tables.results_summary import GIVEN, summarise
 from pipeline.tables.supplement_figures import PAPER
 from pipeline.tables.touch_tables import ObjectTouches, joined, touch_tables
-from pipeline.tradeoff.measured import END_TO_END, read_trades
+from pipeline.tradeoff.measured import END_TO_END, read_trade
 from pipeline.tradeoff.trade_pictures import draw_trade, used_point
 from stages.registry import TRADED
 
@@ -111,7 +110,7 @@ def write_report(data: Location, console: Console, max_objects: int = 10) -> Loc
 def _write_objects(source: ReportSource, folder: Path, console: Console, previous: Pages, changed: Container[str]) -> dict[str, ObjectCard]:
     """Write the pages of objects that changed since the last report, or whose report files changed; return the cards of all objects."""
     template = _environment().get_template("object.html.j2")
-    common = {"up": "../", "current": "", "name": source.name, "pages": PAGES}
+    common: dict[str, Any] = {"up": "../", "current": "", "name": source.name, "pages": PAGES}
     shared_hashes = [sources_hash(__name__), *(hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted(ASSETS.iterdir()))]
     evaluated = [source.directory.folder(name).files for name in source.measured]
     ids, cards = source.object_ids, {}
@@ -121,7 +120,7 @@ def _write_objects(source: ReportSource, folder: Path, console: Console, previou
             split = source.collections["surfaces"].row(object_id).split  # which no digest contains
             key = digest.of_json([shared_hashes, evaluated, source.digests(object_id), split, before, after, common["name"]])
             if (card := previous.objects.get(object_id)) is None or not card.is_up_to_date(key, changed):
-                card = ObjectCard(key=key, **pages.write(object_id, before, after, common))
+                card = pages.write(object_id, key, common | {"before": before, "after": after})
             cards[object_id] = card
             meter.advance()
     return cards
@@ -246,7 +245,7 @@ def _trades(source: ReportSource, folder: Path) -> list[Picture]:
         return []
     settings = {origin.stage: origin.settings for origin in outside_sweeps(records(source.directory)).values()}
     pictures = []
-    for trade in read_trades(source.directory.root, (*TRADED, END_TO_END)):
+    for trade in filter(None, [read_trade(source.directory.root, name) for name in (*TRADED, END_TO_END)]):
         used = used_point(trade, settings[trade.stage]) if trade.stage in settings else None
         file = f"figures/trade-{trade.stage}.svg"
         draw_trade(trade, folder / file, used)

@@ -5,13 +5,11 @@ from collections.abc import Iterator
 from operator import attrgetter
 from typing import Any
 
-import yaml
-
 from pipeline.console import Columns, Row, Table, tabulate
 from pipeline.engine.stage import ObjectStage
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Provenance
-from stages.registry import STAGES, load_stage, resolve
+from stages.registry import STAGES, assignment, load_stage, resolve
 
 
 def records(directory: DataDirectory) -> dict[str, Provenance]:
@@ -38,7 +36,10 @@ def settings_tables(directory: DataDirectory, origins: dict[str, Provenance]) ->
     tables = []
     for name, origin in origins.items():
         preset = _preset_values(directory, origin)
-        rows = [Row([key, _yaml(value), "" if preset.get(key, value) == value else "set"]) for key, value in origin.settings.items()]
+        rows = [
+            Row([key, assignment(key, value).removeprefix(f"{key}="), "" if preset.get(key, value) == value else "set"])
+            for key, value in origin.settings.items()
+        ]
         if rows:
             tables.append(Table(f"{name} ({origin.stage})", ["setting", "value", "other than the preset's"], rows))
     return tables
@@ -71,7 +72,7 @@ def _command(directory: DataDirectory, origin: Provenance) -> Iterator[str]:
     preset = _preset_values(directory, origin)
     for key, value in origin.settings.items():
         if preset.get(key) != value:
-            yield from ("--set", f"{origin.stage}.{key}={_yaml(value)}")
+            yield from ("--set", assignment(f"{origin.stage}.{key}", value))
 
 
 def _preset_values(directory: DataDirectory, origin: Provenance) -> dict[str, Any]:
@@ -84,7 +85,3 @@ def _preset_values(directory: DataDirectory, origin: Provenance) -> dict[str, An
         if all(collection.shards for collection in inputs):
             settings = stage.resolve_settings(settings, {collection.artifact.name: collection.first.attributes for collection in inputs})
     return settings.results()
-
-
-def _yaml(value: Any) -> str:
-    return yaml.safe_dump(value, default_flow_style=True, width=10**6).removesuffix("\n").removesuffix("\n...")

@@ -26,7 +26,6 @@ from stages.evaluate.evaluation_files import (
     Arrays,
     Figures,
     evaluations,
-    has_surfaces,
     read_figures,
     read_root,
     read_surfaces,
@@ -104,8 +103,8 @@ class Evaluation:
             if difference(folders[0], folder) is None:
                 figures = read_figures(folder)
                 for name in read_root(folder)["configurations"]:
-                    if has_surfaces(folder, name):
-                        self.tables[name], self.figures[name] = read_surfaces(folder, name), figures[name]
+                    if surfaces := read_surfaces(folder, name):
+                        self.tables[name], self.figures[name] = surfaces, figures[name]
         self.configurations = list(self.tables)
 
     def predictions(self, object_id: str) -> list[Prediction]:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
-
-from pydantic import ConfigDict, NonNegativeInt, PositiveFloat, PositiveInt
-from pydantic.dataclasses import dataclass
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -44,7 +42,7 @@ class StopRule(IntEnum):
     collapsed = 4
 
 
-@dataclass(frozen=True, config=ConfigDict(allow_inf_nan=False))
+@dataclass(frozen=True)
 class FitOptions:
     """Options of a chart's fit. The defaults are fast; the supplement (2.3) has one loss, of all points, for the steps and the halt.
 
@@ -52,14 +50,14 @@ class FitOptions:
     density: `halt` must lie above. Fewer `step_samples` and `cloud_points` are faster; the exact loss decides all the same.
     """
 
-    halt: PositiveFloat = 6e-4  # sensor widths², Chamfer distance below which a chart is done
-    residual_limit: PositiveFloat | None = None  # sensor widths, greatest RMS distance from cloud to finished chart
-    max_iterations: NonNegativeInt = 1000  # steps after which a fit ends; 0 leaves the square
-    samples: PositiveInt = 4000  # points of the chart in the Chamfer distance that is compared with `halt`
-    step_samples: PositiveInt = 500  # points of the chart in the loss of a step
-    cloud_points: PositiveInt | None = 500  # points of the cloud in the loss of a step; None is the whole cloud
-    check_every: PositiveInt = 10  # steps between two checks of the exact loss, once it may be below the halt
-    learning_rate: PositiveFloat = 1e-2  # Adam's, sensor widths per step
+    halt: float = 6e-4  # sensor widths², Chamfer distance below which a chart is done
+    residual_limit: float | None = None  # sensor widths, greatest RMS distance from cloud to finished chart
+    max_iterations: int = 1000  # steps after which a fit ends; 0 leaves the square
+    samples: int = 4000  # points of the chart in the Chamfer distance that is compared with `halt`
+    step_samples: int = 500  # points of the chart in the loss of a step
+    cloud_points: int | None = 500  # points of the cloud in the loss of a step; None is the whole cloud
+    check_every: int = 10  # steps between two checks of the exact loss, once it may be below the halt
+    learning_rate: float = 1e-2  # Adam's, sensor widths per step
     side: int = SIDE  # vertices along a side of the chart, odd
 
     @property

@@ -130,20 +130,18 @@ def pixel_positions(rows: int, cols: int) -> Tensor:  # (1, 2, rows, cols) float
     return torch.stack([x.expand(rows, cols), y[:, None].expand(rows, cols)])[None]
 
 
-class GelState(NamedTuple):
-    """The true state of a batch of presses."""
-
-    depth: Tensor  # (B, H, W) of the gel's surface below its rest, mm
-    contact: Tensor  # (B, H, W) bool
-
-
-def local_loss(shape: LocalShape, truth: GelState, pitch: tuple[float, float]) -> Tensor:
-    """Compute the loss of a batch, a scalar: the mean over all pixels, of a pitch along y and x, mm."""
+def local_loss(
+    shape: LocalShape,
+    true_depth: Tensor,  # (B, H, W) of the gel's surface below its rest, mm
+    true_contact: Tensor,  # (B, H, W) bool
+    pitch: tuple[float, float],  # along y and x, mm
+) -> Tensor:
+    """Compute the loss of a batch, a scalar: the mean over all pixels."""
     if not bool(torch.isfinite(shape.slopes).all()):
         raise InvalidInput("the network reads NaN or infinite slopes: it has diverged; lower the learning rate")
-    depth = ((shape.depth - truth.depth).abs() * (1 + IN_CONTACT * truth.contact)).mean()
-    slopes = smooth_l1_loss(shape.slopes, surface_slopes(truth.depth, pitch).clamp(-STEEPEST, STEEPEST), beta=SMALL)
-    contact = binary_cross_entropy_with_logits(shape.contact, truth.contact.to(shape.contact.dtype))
+    depth = ((shape.depth - true_depth).abs() * (1 + IN_CONTACT * true_contact)).mean()
+    slopes = smooth_l1_loss(shape.slopes, surface_slopes(true_depth, pitch).clamp(-STEEPEST, STEEPEST), beta=SMALL)
+    contact = binary_cross_entropy_with_logits(shape.contact, true_contact.to(shape.contact.dtype))
     return DEPTH * depth + SLOPES * slopes + CONTACT * contact
 
 

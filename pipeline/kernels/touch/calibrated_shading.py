@@ -85,6 +85,24 @@ def fitted_positions(sensor: Sensor, within: Box | None) -> tuple[Array, Array]:
     return x / sensor.width, y / sensor.width
 
 
+def slope_degrees(calibration: Calibration) -> float:
+    """Compute the steepest fitted slope, degrees."""
+    return math.degrees(math.asin(calibration.steepest))
+
+
+def fitted_range(calibration: Calibration) -> list[str]:
+    """Describe the slopes, depths and positions in which colours were fitted, as lines of text."""
+    slopes = f"fitted: slopes up to {slope_degrees(calibration):.0f} degrees"
+    if calibration.within is None:
+        return [f"{slopes}; the file does not say where contacts were (`within`): colours elsewhere are extrapolated, calibrate again"]
+    left, top, right, bottom = (MM * side for side in calibration.within)
+    depth = f"contacts up to {MM * calibration.deepest:.2f} mm deep"
+    return [
+        f"{slopes}, {depth}, x {left:.1f} to {right:.1f} mm, y {top:.1f} to {bottom:.1f} mm",
+        "beyond, colours are those of the nearest slope, depth and position in this range",
+    ]
+
+
 @lru_cache(maxsize=8)
 def polynomial_background(sensor: Sensor, coefficients: tuple[tuple[float, float, float], ...]) -> Array:
     """Compute an untouched image (rows, cols, 3), levels, from its coefficients by term of the position; it is read-only."""

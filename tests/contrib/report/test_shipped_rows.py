@@ -19,18 +19,17 @@ from pipeline.config.sources import identity
 from pipeline.console import Table
 from pipeline.contrib.report.figures import nearest_middle_farthest
 from pipeline.contrib.report.report_source import ReportSource, errors_table
+from pipeline.contrib.report.results import DEFAULT_SERIES, _ways, summarise
 from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
 from pipeline.models.shipped_weights import DEFAULT
-from pipeline.reconstruct.score import _learned_from, _settings
 from pipeline.store.directory import DataDirectory
 from pipeline.tables.comparison import scores
 from pipeline.tables.evaluation_tables import evaluation_tables
-from pipeline.tables.results_summary import DEFAULT_SERIES, _ways, summarise
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import read_figures, read_root
-from stages.evaluate.shipped import fitting_rows
+from stages.evaluate.scores import fitting_rows, learned_objects, measuring_settings
 from stages.evaluate.stage import Evaluate, EvaluationSettings
 from tests.engine.tiny_stages import pack
 from tests.stages import ball_dataset as spheres
@@ -57,8 +56,8 @@ def data(tmp_path_factory) -> Path:
 
 
 def ship(patch: pytest.MonkeyPatch, folder: Path) -> None:
-    patch.setattr("stages.evaluate.shipped.SHIPPED", folder / "models")
-    patch.setattr("stages.evaluate.shipped.shipped_models", lambda: folder / "models")
+    patch.setattr("stages.evaluate.scores.SHIPPED", folder / "models")
+    patch.setattr("stages.evaluate.scores.shipped_models", lambda: folder / "models")
 
 
 def vt(*arguments: object) -> str:
@@ -131,7 +130,7 @@ def test_images_are_left_out_if_one_object_was_seen_by_another_camera(data, tmp_
     assert any(reason.startswith("unoccluded: not all images are from the camera") for reason in reasons)
 
 
-def test_rows_name_the_test_objects_that_the_network_has_learned_from(data, tmp_path, monkeypatch):
+def test_rows_name_the_test_objects_that_the_network_haslearned_objects(data, tmp_path, monkeypatch):
     ship(monkeypatch, data)
     copy = Path(shutil.copytree(data, tmp_path / "data"))
     (given,) = (stage for stage in spheres.stages() if stage.output is SURFACES)
@@ -139,7 +138,7 @@ def test_rows_name_the_test_objects_that_the_network_has_learned_from(data, tmp_
     sources = {name: f"procedural bottle {name}, seed 9" for name in "abcd"} | {"b": identity(learned.source)}
     asked: Any = Request(given, Settings(), "balls", OBJECTS, "draft", 1, copy)
     pack(asked, lambda unit: given.row(unit) | {"source_file": np.array(sources[unit.name]), "source_sha256": np.array("")})
-    assert _learned_from(DataDirectory(copy)) == ("b",)
+    assert learned_objects(DataDirectory(copy)) == ("b",)
     assert "shipped-…: the pretrained network, given the first grasp of each object alone." in vt("report", data, "--no-pages")
 
 
@@ -204,7 +203,7 @@ def accuracy(folders: list[Path]) -> Table:
 def test_scores_take_the_settings_of_the_first_evaluation_whatever_its_seed(data, tmp_path):
     copy = shutil.copytree(data, tmp_path / "data")
     (copy / "evaluation.json").rename(copy / "evaluation-seed-1.json")
-    assert _settings(DataDirectory(copy))["points"] == 300
+    assert measuring_settings(DataDirectory(copy))["points"] == 300
 
 
 def test_method_that_is_called_as_a_graph_network_is_not_in_the_summary(data, tmp_path):

@@ -171,12 +171,3 @@ def test_fit_without_steps_keeps_and_measures_the_square() -> None:
 def test_fit_charts_rejects_invalid_clouds(clouds: list[Cloud], named: str) -> None:
     with pytest.raises(ValueError, match=named):
         fit_charts(clouds, WIDTH, generators(len(clouds)))
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("halt", np.nan), ("learning_rate", np.inf), ("samples", 0), ("cloud_points", 0), ("residual_limit", 0.0), ("max_iterations", -1)],
-)
-def test_fit_options_reject_invalid_limits(name: str, value: float) -> None:
-    with pytest.raises(ValueError, match=name):
-        FitOptions(**{name: value})

@@ -1,10 +1,10 @@
-"""The compiled loss of a chart, and its steps, against torch's own gradient and Adam."""
+"""Steps of a chart against torch, and the grid that finds nearest points."""
 
 import numpy as np
 import pytest
 import torch
 
-from pipeline.kernels.charts.chart_steps import ChartState, chart_area, planar_grid, take_steps
+from pipeline.kernels.charts.chart_steps import ChartState, chart_area, nearest_in, planar_grid, take_steps
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.metrics.chamfer import map_to_surface
 
@@ -51,3 +51,20 @@ def test_chart_without_area_takes_no_step() -> None:
     assert chart_area(point) == 0
     assert not len(take_steps(point, UNIFORM, CLOUD[None], (planar_grid(CLOUD), planar_grid(CLOUD)), 1.0, 0, 0.01))
     assert chart_area(chart(SQUARE.numpy())) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("height", [0.0, 0.4])
+def test_nearest_of_two_layers_is_that_of_all_pairs(height: float) -> None:
+    rng = np.random.default_rng(0)
+    points, queries = (rng.uniform(-0.5, 0.5, (count, 3)) * [1, 1, 0.04] for count in (700, 300))
+    queries[:, 2] += height
+    grid = planar_grid(points)
+    nearest = np.square(queries[:, None] - points).sum(axis=2).argmin(axis=1)
+    np.testing.assert_array_equal(grid.numbers[nearest_in(grid, queries)], nearest)
+    assert grid.columns * grid.rows <= 2 * len(points)
+
+
+def test_points_along_an_axis_fill_few_cells() -> None:
+    grid = planar_grid(np.linspace(0, 1, 1000)[:, None] * [1.0, 0.0, 0.0])
+    assert grid.rows == 1
+    assert grid.columns <= 501

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from pipeline.kernels.charts.visible_charts import WIDTH, visible_charts
-from pipeline.kernels.networks.touch_features import chart_normals
+from pipeline.kernels.networks.implicit_network import chart_normals
 
 ROWS, COLS, FOCAL, SIDE = 90, 120, 300.0, 5
 INTRINSIC = np.array([[FOCAL, 0, COLS / 2], [0, FOCAL, ROWS / 2], [0, 0, 1]])

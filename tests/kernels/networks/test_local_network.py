@@ -1,10 +1,23 @@
-"""The local network: its reach, windows beside whole images, its loss."""
+"""The network that reads photographs: slopes, their integral, contact, and the drift of light that is subtracted."""
 
+import numpy as np
 import pytest
 import torch
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.networks.local_network import GelState, LocalNetwork, LocalShape, local_loss, pixel_positions, surface_slopes
+from pipeline.kernels.networks.local_network import (
+    ROUNDS,
+    SCALE,
+    SIDE,
+    LocalNetwork,
+    LocalShape,
+    integrate_slopes,
+    local_loss,
+    pixel_positions,
+    surface_slopes,
+    without_drift,
+)
+from tests.references.slow_slopes import integrate_slowly
 
 PITCH = (0.12, 0.1)
 
@@ -39,20 +52,95 @@ def test_depth_is_the_integral_of_slopes_and_contact_gives_them_no_gradient(netw
 def test_loss_is_minimal_at_the_truth_and_grows_with_each_error() -> None:
     depth = torch.zeros(1, 12, 12)
     depth[:, 4:8, 4:8] = 0.1
-    truth = GelState(depth, depth > 0)
+    truth = depth, depth > 0
     right = LocalShape(surface_slopes(depth, PITCH), depth, torch.where(depth > 0, 20.0, -20.0))
-    least = float(local_loss(right, truth, PITCH))
+    least = float(local_loss(right, *truth, PITCH))
     assert least < 1e-6
     for wrong in (
         right._replace(slopes=right.slopes + 0.1),
         right._replace(depth=right.depth + 0.05),
         right._replace(contact=-right.contact),
     ):
-        assert float(local_loss(wrong, truth, PITCH)) > least + 1e-3
+        assert float(local_loss(wrong, *truth, PITCH)) > least + 1e-3
 
 
 def test_diverged_network_is_refused() -> None:
     nothing = torch.zeros(1, 8, 8)
     shape = LocalShape(torch.full((1, 2, 8, 8), torch.nan), nothing, nothing)
     with pytest.raises(InvalidInput, match="it has diverged"):
-        local_loss(shape, GelState(nothing, nothing > 0), PITCH)
+        local_loss(shape, nothing, nothing > 0, PITCH)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (7, 2), (12, 17)])
+def test_surface_equals_that_of_a_sparse_solver(shape: tuple[int, int]) -> None:
+    slopes = np.random.default_rng(0).normal(size=(2, *shape))
+    surface = integrate_slopes(torch.tensor(slopes)[None], (0.3, 0.7))[0].numpy()
+    np.testing.assert_allclose(surface, integrate_slowly(slopes, (0.3, 0.7)), rtol=0, atol=1e-12)
+
+
+def test_gradient_equals_finite_differences() -> None:
+    slopes = torch.randn(1, 2, 4, 5, dtype=torch.float64, generator=torch.Generator().manual_seed(0), requires_grad=True)
+    assert torch.autograd.gradcheck(lambda given: integrate_slopes(given, (0.2, 0.3)), (slopes,))
+
+
+def test_gradients_flow_after_a_call_in_inference_mode() -> None:
+    with torch.inference_mode():
+        integrate_slopes(torch.zeros(1, 2, 13, 14), (0.2, 0.3))
+    slopes = torch.zeros(1, 2, 13, 14, requires_grad=True)
+    integrate_slopes(slopes, (0.2, 0.3)).sum().backward()
+    assert slopes.grad is not None
+
+
+def test_slopes_of_wrong_shape_are_rejected() -> None:
+    with pytest.raises(ValueError, match=r"shape \(2, 4, 5\)"):
+        integrate_slopes(torch.zeros(2, 4, 5), (1.0, 1.0))
+
+
+def positions(rows: int, cols: int) -> tuple[np.ndarray, np.ndarray]:
+    y, x = (2 * (np.arange(count) + 0.5) / count - 1 for count in (rows, cols))
+    return np.meshgrid(x, y)
+
+
+def contact(rows: int = 120, cols: int = 160) -> np.ndarray:
+    """Make a ball's colours, up to 60 levels to either side, in a fifth of the image's width."""
+    x, y = positions(rows, cols)
+    inside = (x - 0.2) ** 2 + (y + 0.1) ** 2 < 0.1
+    return np.stack([300 * (x - 0.2) * inside, 300 * (y + 0.1) * inside, -10.0 * inside])
+
+
+def drift(rows: int = 120, cols: int = 160) -> np.ndarray:
+    x, y = positions(rows, cols)
+    return np.stack([3 + 4 * x - 2 * y, 5 * x * y - 3, 2 - 6 * x**2 + y**2])
+
+
+def test_smooth_drift_is_removed_and_the_contact_kept(rng: np.random.Generator) -> None:
+    noise = rng.normal(0, 1, (2, *contact().shape))
+    photographs = torch.tensor(np.stack([contact(), -0.7 * contact()]) + drift() + noise, dtype=torch.float32)
+    left = without_drift(photographs).numpy() - noise - np.stack([contact(), -0.7 * contact()])
+    assert np.abs(drift()).max() > 7
+    assert np.abs(left).mean() < 0.2
+    assert np.abs(left).max() < 1.0
+
+
+def test_drift_equals_weighted_least_squares() -> None:
+    change = contact(SIDE, SIDE) + drift(SIDE, SIDE)
+    x, y = (axis.ravel() for axis in positions(SIDE, SIDE))
+    terms = np.stack([np.ones_like(x), x, y, x**2, x * y, y**2], axis=1)
+    levels, fitted = change.reshape(3, -1).T, np.zeros((SIDE**2, 3))
+    for _ in range(ROUNDS):
+        root = 1 / (1 + np.square(levels - fitted).sum(axis=1, keepdims=True) / SCALE**2)
+        fitted = terms @ np.linalg.lstsq(root * terms, root * levels, rcond=None)[0]
+    corrected = without_drift(torch.tensor(change[None]))[0].numpy()
+    np.testing.assert_allclose(corrected, change - fitted.T.reshape(change.shape), atol=0.05)
+
+
+def test_drift_has_gradients_after_a_call_in_inference_mode() -> None:
+    photographs = torch.tensor(contact(37, 53)[None], dtype=torch.float32)
+    with torch.inference_mode():
+        expected = without_drift(photographs.clone())
+    change = photographs.clone().requires_grad_()
+    left = without_drift(change)
+    left.square().sum().backward()
+    assert torch.equal(left, expected)
+    assert change.grad is not None
+    assert change.grad.isfinite().all()

@@ -1,27 +1,32 @@
-"""Write the recipe of a dataset."""
+"""Write the recipe of a dataset, and compare a dataset, remade or published, with a recipe."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection as Names
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from pipeline.config.folder_sources import FolderSource, ShapeNet
 from pipeline.config.manifest import Manifest, Object, load_manifest
 from pipeline.config.sources import fingerprint
-from pipeline.console import abbreviate
+from pipeline.console import abbreviate, pluralise
 from pipeline.engine import keys
 from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
-from pipeline.engine.stage import ObjectStage
 from pipeline.errors import InvalidInput, StoreError
+from pipeline.formats.description_file import description_path
 from pipeline.formats.file_content import expanded
-from pipeline.recipes.own_files import find_files, own_names, own_path, read_files, with_names
-from pipeline.recipes.recipe import SHORT_DIGITS, Recipe, RecipeRow, StageRecipe, object_lines, roots_of
+from pipeline.recipes.own_files import find_files, own_names, read_files, with_names
+from pipeline.recipes.recipe import SHORT_DIGITS, Recipe, RecipeRow, StageRecipe, object_lines
 from pipeline.store import digest
-from pipeline.store.directory import Collection, DataDirectory
+from pipeline.store.directory import Collection, DataDirectory, shard_of
 from pipeline.store.record import ShardRecord
 from pipeline.store.storage import Location
 from schemas.catalogue import ARTIFACTS
 from stages.registry import DATASET, load_stage
+
+MADE_BY = {artifact.stage: artifact for artifact in ARTIFACTS.values()}
+"""The artifact of each stage that makes one."""
 
 
 def source_hash(source: Mapping[str, Any]) -> str:
@@ -52,9 +57,7 @@ def recipe_of(
     `InvalidInput`, that a source, or a file of a hand, sensor or scene, cannot be published.
     """
     directory = DataDirectory(data)
-    made_by = {artifact.stage: artifact for artifact in ARTIFACTS.values()}
-    stage_names = [name for name in DATASET if made_by[name].name in directory.artifact_names()]
-    by_stage = {name: collection for name in stage_names if (collection := directory.collection(made_by[name])).shards}
+    by_stage = {name: collection for name in DATASET if (collection := directory.collection(MADE_BY[name])).shards}
     if DATASET[0] not in by_stage:
         raise StoreError(f"{data}: {DATASET[0]} has made nothing here; name a data directory")
     first_record = by_stage[DATASET[0]].first.record
@@ -64,7 +67,7 @@ def recipe_of(
     items = described.objects(folder and expanded(folder))
     shards = directory.check_shard_count(None)
     for name, collection in by_stage.items():
-        _check_current(_request_like(collection.first.record, name, items, data))
+        _check_current(collection.first.record, name, items, data)
     _check_sources(by_stage[DATASET[0]], items)
     description_files = find_files(collection.first.record.settings for collection in by_stage.values())
     names = {path: name for name, path in description_files.items()}
@@ -98,26 +101,19 @@ def _readable_hash(item: Object) -> str:
         raise InvalidInput(f"{item.object_id} cannot be published: {error}; remove its file, and run the stages again") from error
 
 
-def _request_like(record: ShardRecord, name: str, items: Sequence[Object], data: Location) -> Request[ObjectStage]:
-    """Make the request that repeats a record's run."""
+def _check_current(record: ShardRecord, name: str, items: Sequence[Object], data: Location) -> None:
+    """Raise a `StoreError` for rows that are incomplete or were made by other code or from other files: plan the recorded run again."""
     stage: Any = load_stage(name)
     settings = stage.settings_type.model_validate(record.settings | record.speed_settings)
-    return Request(
-        stage=stage, settings=settings, manifest=record.manifest, objects=items, preset=record.preset, seed=record.seed, data=data
-    )
-
-
-def _check_current(request: Request[ObjectStage]) -> None:
-    """Raise a `StoreError` for rows that are incomplete or were made by other code or from other files."""
-    for plan in plans(request):
+    for plan in plans(Request(stage, settings, record.manifest, items, record.preset, record.seed, data)):
         if not plan.up_to_date():
-            if (record := plan.record) is None:
-                raise StoreError(f"{plan.path} has not been made; run {request.stage.name} for all shards, then write the recipe")
-            version = record.versions.get("vt-pipeline")
+            if (made := plan.record) is None:
+                raise StoreError(f"{plan.path} has not been made; run {name} for all shards, then write the recipe")
+            version = made.versions.get("vt-pipeline")
             raise StoreError(
-                f"{plan.path} is not what {request.stage.name} makes here and now: it was made by other code (vt-pipeline {version}), of "
-                "other files or manifest, or in part. Install that version, run the stage again, or state its --manifest, --objects, "
-                "--units and --up, then write the recipe"
+                f"{plan.path} is not what {name} makes here and now: it was made by other code (vt-pipeline {version}), of other files or "
+                "manifest, or in part. Install that version, run the stage again, or state its --manifest, --objects, --units and --up, "
+                "then write the recipe"
             )
 
 
@@ -139,15 +135,14 @@ def _stage_recipe(name: str, collection: Collection, shards: int, names: Mapping
     record = collection.first.record
     stage: Any = load_stage(name)
     settings = stage.settings_type.model_validate(record.settings)
-    rows = {object_id: (collection.row(object_id).digest, collection.row(object_id).split) for object_id in collection}
-    recipe_names = {own: names[own_path(kind, own)] for kind, own in own_names(record.settings)}
+    recipe_names = {own: names[description_path(kind, own).resolve()] for kind, own in own_names(record.settings)}
     return StageRecipe(
         settings=with_names(record.settings, lambda _, own: recipe_names.get(own, own)),  # as the recipe names its files
         schema_version=record.schema_version,
         code=keys.code_hash(stage),
         files=keys.assets_digest(stage.assets(settings)),
         constants=record.constants_digest,
-        roots=roots_of(rows, record.constants_digest, shards),
+        roots=_roots_of(collection, list(collection), record.constants_digest, shards),
     )
 
 
@@ -166,3 +161,73 @@ def _portable(manifest: Manifest, folder: Path | None) -> Manifest:
             update["counts"] = None
         changed.append(source.model_copy(update=update))
     return manifest.model_copy(update={"sources": tuple(changed)})
+
+
+def _roots_of(
+    collection: Collection,
+    names: Iterable[str],  # of its objects
+    constants: str,  # digest of the arrays without an object dimension
+    shards: int,  # to compute with, whatever number they are stored in
+) -> tuple[str, ...]:
+    """Compute the root of each shard."""
+    members: list[list[tuple[str, str]]] = [[] for _ in range(shards)]
+    for name in names:
+        members[shard_of(name, shards)].append((name, f"{collection.row(name).digest} {collection.row(name).split}"))
+    return tuple(digest.of_rows(rows, {"constants": constants}) for rows in members)
+
+
+@dataclass
+class Comparison:
+    """How a data directory differs from a recipe."""
+
+    compared: int = 0  # number of rows compared
+    # objects by the first stage in which their row differs
+    differing: dict[str, list[str]] = field(default_factory=dict)
+    following: int = 0  # number of rows of later stages that differ too
+    absent: dict[str, list[str]] = field(default_factory=dict)  # objects without a row, by stage
+    remarks: list[str] = field(default_factory=list)  # other differences, as sentences
+
+    @property
+    def equal(self) -> bool:
+        """Whether nothing differs."""
+        return not (self.differing or self.absent or self.remarks)
+
+
+def compare(
+    recipe: Recipe,
+    directory: DataDirectory,  # remade or published; only records are read: `validate` compares arrays with these
+    names: Names[str] | None = None,  # only the rows of these objects, without the roots; by default all
+) -> Comparison:
+    """Compare the digests of a data directory's records with those of a recipe."""
+    comparison, differing_before = Comparison(), set[str]()
+    selected = recipe.rows.keys() if names is None else names
+    for number, (stage, expected) in enumerate(recipe.stages.items()):
+        if stage not in MADE_BY:
+            raise InvalidInput(f"no artifact here is made by {stage}, which the recipe has; use the version that wrote it")
+        collection = directory.collection(MADE_BY[stage])
+        stored = set(collection)
+        present = [name for name in selected if name in stored]
+        if len(present) < len(selected):
+            comparison.absent[stage] = [name for name in selected if name not in stored]
+        if not present:
+            continue
+        comparison.compared += len(present)
+        differing = [name for name in present if not collection.row(name).digest.startswith(recipe.rows[name].digests[number])]
+        constants = collection.first.record.constants_digest
+        if constants != expected.constants:
+            comparison.remarks.append(f"{stage}: the arrays that all objects share differ")
+        if names is None and len(present) == len(selected):
+            if extra := sorted(stored - recipe.rows.keys()):
+                comparison.remarks.append(f"{stage}: {pluralise(len(extra))} not in the recipe ({abbreviate(extra)})")
+            roots = _roots_of(collection, recipe.rows, expected.constants, recipe.shards)  # if constants differ, a remark above says so
+            wrong = {shard for shard, root in enumerate(roots) if root != expected.roots[shard]}
+            if unexplained := sorted(map(str, wrong - {shard_of(name, recipe.shards) for name in differing})):
+                comparison.remarks.append(
+                    f"{stage}: each row agrees, but not the root of shard {abbreviate(unexplained)}: a root, or the split of an object, is "
+                    "wrong in the recipe"
+                )
+        if newly_differing := [name for name in differing if name not in differing_before]:
+            comparison.differing[stage] = newly_differing
+        comparison.following += len(differing) - len(newly_differing)
+        differing_before.update(differing)
+    return comparison

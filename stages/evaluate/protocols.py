@@ -1,6 +1,6 @@
-"""The protocol of supplement 2.4 and 3.5: every number of grasps, rings around touches, and the quality of surfaces."""
+"""The protocols: reconstructions from grasps (supplement 2.4 and 3.5), and from single images by Table 4's standard (3.6)."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -31,16 +31,16 @@ from pipeline.rng import numpy_rng
 from schemas.charts import STOP_RULES
 from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
-from stages.evaluate.measure import MeasuredCase, Protocol, TestObjects, training_objects
-from stages.evaluate.reconstructors import Case, Reconstructor
-from stages.evaluate.stage import GraspMeasuringSettings
+from stages.evaluate.measure import Case, MeasuredCase, Protocol, Reconstructor
 
-ALL = TOTAL
-"""The class of every object, the stop rule of every chart."""
 NEAR, NEAR_SHARE = 5e-3, 0.01
 """Distances of the F-scores: m, and a share of the object's diagonal."""
 POINTS_IN_BOX = 20_000
 """Points in the box around an object and its closed mesh: their overlap is accurate to 0.02 if they fill a twentieth of the box."""
+CHAMFER_FACTOR = 1000.0
+"""Factor of Table 4's Chamfer distances."""
+SILHOUETTE_STEP = 2
+"""Every second pixel of every second row of a rendering's silhouette is compared."""
 
 
 class GraspProtocol(Protocol):
@@ -49,25 +49,27 @@ class GraspProtocol(Protocol):
     stage = "evaluate"
 
     def __init__(self, job: DatasetJob, reconstructors: Sequence[Reconstructor]) -> None:
-        self.job, self.takes_image = job, any(item.image for item in reconstructors)
-        self.takes_touch, charts = (any(getattr(item, name) for item in reconstructors) for name in ("touch", "charts"))
-        self.settings: GraspMeasuringSettings = job.settings
-        self.objects = TestObjects(job.data, arrays_of(reconstructors), self.settings.points, self.stage)
-        self.training = training_objects(job.data, ["points", "segmentation"] if self.takes_image else ["points"])
-        self.poses, self.touched = self.objects.stack("sensor_pose"), self.objects.stack("touch_success")  # (object, grasp, sensor, …)
-        rows = self.objects.rows
-        self.sensors = rows.sensors() if self.takes_touch else grasping_sensors({"grasps": rows.attributes("grasps")})
-        available = self.touched.shape[1]
-        if (missing := [str(number) for number in self.settings.grasps if number > available]) and charts:
+        images = sorted({item.image for item in reconstructors if item.image is not None})
+        takes_touch, charts = (any(getattr(item, name) for item in reconstructors) for name in ("touch", "charts"))
+        arrays = ["points", "normals", "sensor_pose", "touch_success", *images, *(["projection"] if images else [])]
+        if takes_touch:
+            arrays += ["depth", "untouched", *(["vertices", "residual", "iterations", "stop_rule"] if charts else [])]
+        super().__init__(job, arrays, ["points", "segmentation"] if images else ["points"])
+        self.takes_image, self.takes_touch = bool(images), takes_touch
+        attributes = {"grasps": self.objects.attributes("grasps")}
+        self.sensors = self.objects.sensors() if takes_touch else grasping_sensors(attributes)
+        self.grasps = self.objects.size("touch_success", "grasp")
+        if (missing := [str(number) for number in self.settings.grasps if number > self.grasps]) and charts:
             job.console.print(
-                f"evaluate.grasps: {', '.join(missing)} skipped: the dataset holds {pluralise(available, 'grasp')} of each object "
+                f"evaluate.grasps: {', '.join(missing)} skipped: the dataset holds {pluralise(self.grasps, 'grasp')} of each object "
                 "(simulate-grasps.grasps)"
             )
-        self._diagonals = [self.objects.diagonal(row) for row in range(len(self.objects))]
+        for item in reconstructors:
+            item.prepare(self, self.grasps)
 
     def cases(self, reconstructor: Reconstructor) -> list[Case]:
         """List the cases of the dataset's grasps."""
-        return reconstructor.cases(self.touched.shape[1], self.settings.grasps)
+        return reconstructor.cases(self.grasps, self.settings.grasps)
 
     def identity(self, object_id: str, case: Case) -> tuple[str | int, ...]:
         """Name the draw of points by object and grasps."""
@@ -76,12 +78,12 @@ class GraspProtocol(Protocol):
     def figures(self, reconstructor: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure the distances of a case; add its appearance if it is the first, and the rings around its touches if it has one grasp."""
         settings, case = self.settings, measured.case
-        distances = dict(self.distance_figures(measured.distances, measured.row))
+        distances = self.distance_figures(measured.distances, measured.object_id)
         for suffix, multiple in (("", 1.0), ("_2tau", 2.0)):
             tau = multiple * settings.tau
             precision, recall = measured.distances.precision_recall(tau, settings.scale)
-            figures = {"precision": precision, "recall": recall, "f1": measured.distances.f1(tau, settings.scale)}
-            distances |= {metric + suffix: figure for metric, figure in figures.items()}
+            f1 = measured.distances.f1(tau, settings.scale)
+            distances |= {f"precision{suffix}": precision, f"recall{suffix}": recall, f"f1{suffix}": f1}
         yield from ((first, metric, value) for first in case.firsts for metric, value in distances.items())
         if measured.is_first:
             appearance = self.appearance(measured) | self.closed(reconstructor, measured)
@@ -89,27 +91,29 @@ class GraspProtocol(Protocol):
         if case.grasp_count == 1:
             yield from self.rings(measured)
 
-    def distance_figures(self, distances: CloudDistances, row: int) -> Mapping[str, float]:
+    def distance_figures(self, distances: CloudDistances, object_id: str) -> dict[str, float]:
         """Compute the figures of a reconstruction that a baseline has too."""
         return {
             "mean_distance": distances.mean_distance,
             "f_5mm": distances.f1(NEAR**2),
-            "f_1percent": distances.f1((NEAR_SHARE * self._diagonals[row]) ** 2),
+            "f_1percent": distances.f1((NEAR_SHARE * self.objects.diagonal(object_id)) ** 2),
             "chamfer": distances.chamfer,
         }
 
     def rings(self, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure the points of the object in rings around each touch of a case with one grasp."""
-        points, rings = self.objects.points(measured.row), self.settings.rings
+        points, rings = self.objects.points(measured.object_id), self.settings.rings
+        touched, poses = (self.objects.read(name, measured.object_id) for name in ("touch_success", "sensor_pose"))
         for grasp in measured.case.firsts:
-            for sensor in np.flatnonzero(self.touched[measured.row, grasp]):
-                ring = ring_indices(points, self.poses[measured.row, grasp, sensor], self.sensors[sensor].width, rings)
+            for sensor in np.flatnonzero(touched[grasp]):
+                ring = ring_indices(points, poses[grasp, sensor], self.sensors[sensor].width, rings)
                 means, counts = ring_means(measured.distances.truth, ring, rings)
                 yield from ((grasp, f"local_chamfer_{at + 1}", float(means[at])) for at in np.flatnonzero(counts))
 
     def appearance(self, measured: MeasuredCase) -> dict[str, float]:
         """Measure the appearance of a reconstruction; see the schema's `QUALITY`. For a point cloud, measure its farthest points alone."""
-        reconstruction, points, normals = measured.reconstruction, self.objects.points(measured.row), self.objects.normals(measured.row)
+        reconstruction = measured.reconstruction
+        points, normals = self.objects.points(measured.object_id), self.objects.normals(measured.object_id)
         spike = {"spike": float(np.sqrt(np.quantile(measured.distances.predicted, 0.999)))}
         if not len(reconstruction.faces):
             return spike
@@ -135,20 +139,20 @@ class GraspProtocol(Protocol):
         surface: else a method would seem better if it left hard objects open. There are none for charts that are not to
         be closed. Surfaces so thin that no point is inside have no `iou`.
         """
-        object_id, reconstruction = self.objects.rows.object_ids[measured.row], measured.reconstruction
+        object_id, reconstruction = measured.object_id, measured.reconstruction
         if self.settings.closed_resolution:
-            observation = reconstructor.observe(self.objects.rows, object_id, measured.case)
+            observation = reconstructor.observe(self.objects, object_id, measured.case)
             vertices, faces = close_reconstruction(reconstruction, self.settings.closed_resolution, observation)
         elif reconstruction.is_whole and len(reconstruction.faces):
             vertices, faces = reconstruction.vertices, reconstruction.faces
         else:
             return {}
         closed = {"watertight": float(is_watertight(faces))}
-        if not bool(self.objects.surfaces.view(object_id)["watertight"]):
+        if not bool(self.objects.surface(object_id)["watertight"]):
             return closed
         if not closed["watertight"]:
             return closed | {"iou": 0.0}
-        mesh = read_mesh(self.objects.surfaces.view(object_id))
+        mesh = read_mesh(self.objects.surface(object_id))
         (low, high), (true_low, true_high) = ((surface.min(axis=0), surface.max(axis=0)) for surface in (vertices, mesh.vertices))
         if (low > true_high).any() or (true_low > high).any():  # points in a box around both may all miss surfaces that are far apart
             return closed | {"iou": 0.0}
@@ -159,7 +163,6 @@ class GraspProtocol(Protocol):
         return closed
 
     def baselines(self) -> dict[str, Figures]:
-        """Measure training objects in place of reconstructions; none if every training object failed."""
         if self.training is None:
             return {}
         images = ObjectRows(self.job.data, ["segmentation"], None) if self.takes_image else None
@@ -168,39 +171,28 @@ class GraspProtocol(Protocol):
             assert images is not None
             return np.asarray(images.read("segmentation", object_id, camera=0)[0] == Label.OBJECT).reshape(1, -1)
 
-        touched = [self._touched_points(row) for row in range(len(self.objects))] if self.takes_touch else None
         return retrieve(
             self.objects,
             self.training,
             self.distance_figures,
             console=self.job.console,
             silhouettes=silhouettes if images else None,
-            touched=touched,
+            touched=[self._touched_points(object_id) for object_id in self.objects.object_ids] if self.takes_touch else None,
         )
 
-    def _touched_points(self, row: int) -> NDArray[np.float64]:
+    def _touched_points(self, object_id: str) -> NDArray[np.float64]:
         """Collect the points that the sensors touched in an object's first grasp, (N, 3), m; the sensors' positions if none touched."""
-        depth, poses = self.objects.rows.read("depth", self.objects.rows.object_ids[row], 0), self.poses[row, 0]
-        clouds = [local_points(depth[site], poses[site], self.sensors[site]) for site in np.flatnonzero(self.touched[row, 0])]
+        depth, poses, touched = (self.objects.read(name, object_id, 0) for name in ("depth", "sensor_pose", "touch_success"))
+        clouds = [local_points(depth[site], poses[site], self.sensors[site]) for site in np.flatnonzero(touched)]
         return np.concatenate([cloud[:count] for cloud, count in clouds] or [poses[:, :3, 3]]).astype(np.float64)
 
     def extra(self) -> dict[str, Arrays]:
         """Summarise the touch charts, where they were read."""
-        if "residual" not in self.objects.rows.arrays:
+        if "residual" not in self.objects.arrays:
             return {}
-        return {"charts": chart_residuals(*map(self.objects.stack, ("residual", "iterations", "stop_rule")))}
-
-
-def arrays_of(
-    reconstructors: Sequence[Reconstructor],
-) -> list[str]:
-    """List the arrays that an evaluation reads; `untouched` for the sensor in the attributes."""
-    images = sorted({item.image for item in reconstructors if item.image is not None})
-    images += ["projection"] if images else []
-    if not any(item.touch for item in reconstructors):
-        return ["points", "normals", "sensor_pose", "touch_success", *images]
-    fitted = ["vertices", "residual", "iterations", "stop_rule"] if any(item.charts for item in reconstructors) else []
-    return ["points", "normals", "sensor_pose", "touch_success", "depth", "untouched", *images, *fitted]
+        names = ("residual", "iterations", "stop_rule")
+        arrays = (np.stack([self.objects.read(name, object_id) for object_id in self.objects.object_ids]) for name in names)
+        return {"charts": chart_residuals(*arrays)}
 
 
 def chart_residuals(
@@ -210,7 +202,7 @@ def chart_residuals(
 ) -> Arrays:  # the group `charts` of the schema `evaluation`
     """Summarise the residuals of touch charts by stop rule."""
     masks_by_rule = {name: stop_rule == code for code, name in enumerate(STOP_RULES) if name != "no_touch" and (stop_rule == code).any()}
-    masks_by_rule[ALL] = is_surface(stop_rule)
+    masks_by_rule[TOTAL] = is_surface(stop_rule)
     masks = masks_by_rule.values()
     return {
         "stop_rule": np.array([*masks_by_rule]),
@@ -219,3 +211,57 @@ def chart_residuals(
         "residual_worst": np.array([residual[mask].max(initial=0) for mask in masks]),
         "iterations": np.array([iterations[mask].mean(dtype=np.float64) if mask.any() else 0.0 for mask in masks]),
     }
+
+
+class SingleImageProtocol(Protocol):
+    """Measure reconstructions from renderings in the unit of Table 4."""
+
+    stage = "evaluate-single-image"
+
+    def __init__(self, job: DatasetJob) -> None:
+        arrays = ("points", "rendering", "rendering_camera", "silhouette")
+        super().__init__(job, arrays, arrays)
+        self.views = min(self.settings.views, self.objects.size("rendering", "viewpoint"))
+
+    def cases(self, reconstructor: Reconstructor) -> list[Case]:
+        """List the views."""
+        return [Case(view, (), 1, (view,)) for view in range(self.views)]
+
+    def identity(self, object_id: str, case: Case) -> tuple[str | int, ...]:
+        """Name the draw of points by object and view."""
+        return object_id, case.first
+
+    def figures(self, reconstructor: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
+        """Measure the distances of a view."""
+        figures = self.distance_figures(measured.distances, measured.object_id)
+        yield from ((measured.case.first, metric, value) for metric, value in figures.items())
+
+    def baselines(self) -> dict[str, Figures]:
+        if self.training is None:
+            return {}
+        every = ObjectRows(self.job.data, ["silhouette"], None)
+
+        def silhouettes(object_id: str) -> NDArray[np.bool_]:
+            return every.read("silhouette", object_id)[: self.views, ::SILHOUETTE_STEP, ::SILHOUETTE_STEP].reshape(self.views, -1)
+
+        return retrieve(self.objects, self.training, self.distance_figures, console=self.job.console, silhouettes=silhouettes)
+
+    def distance_figures(self, distances: CloudDistances, object_id: str) -> dict[str, float]:
+        """Compute the figures in the standard's unit, to which the diagonal that objects were scaled to is scaled, or the object's own."""
+        view = self.objects.surface(object_id)
+        if "metres_per_unit" in view and view["metres_per_unit"] > 0:
+            diagonal = self.objects.diagonal(object_id)
+        else:
+            diagonal = self.objects.attributes("surfaces")["settings"]["diagonal"]
+        return table_4_figures(distances, scale=float(self.settings.scale / diagonal), tau=self.settings.tau)
+
+
+def table_4_figures(
+    distances: CloudDistances,  # squared, between predicted and true points, m²
+    *,
+    scale: float,  # from metres to the standard's unit
+    tau: float,  # squared distance of F1, in that unit
+) -> dict[str, float]:
+    """Compute the figures of one reconstruction by Table 4's standard: Chamfer distance × `CHAMFER_FACTOR`, F1 at tau and 2 tau."""
+    chamfer = CHAMFER_FACTOR * scale**2 * distances.chamfer
+    return {"scaled_chamfer": chamfer, "f1": distances.f1(tau, scale), "f1_2tau": distances.f1(2 * tau, scale)}

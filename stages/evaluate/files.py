@@ -1,4 +1,4 @@
-"""Another method's reconstructions as files: listed by object, checked and read."""
+"""The files of a method: listed by object, checked and read; a reconstructor like any other."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -11,7 +11,8 @@ import trimesh
 from numpy.typing import NDArray
 
 from pipeline.console import abbreviate, pluralise
-from pipeline.errors import InvalidInput, closest_name
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.errors import InvalidInput, StageError, closest_name
 from pipeline.formats.file_content import MESH_SUFFIXES
 from pipeline.formats.image_file import read_array
 from pipeline.formats.mesh_reader import load_mesh
@@ -20,7 +21,7 @@ from pipeline.kernels.geometry.mesh_cleaning import number_positions
 from pipeline.kernels.metrics.retrieval import mean_squared_distance
 from pipeline.models.reconstruction import Reconstruction
 from pipeline.rng import numpy_rng
-from stages.evaluate.measure import sample_reconstruction
+from stages.evaluate.measure import Case, Protocol, Reconstructor, sample_reconstruction
 
 CLOUD = ".npy"
 """Suffix of a point cloud as an array; a PLY file may hold one too."""
@@ -39,13 +40,64 @@ DRAWN = 500
 UNITS = {1e-3: "km", 1e2: "cm", 1e3: "mm", 39.37: "inches"}
 """Units, by their number per metre."""
 
-Surface = tuple[NDArray[np.float64], NDArray[np.int64]]
+
+class Files(Reconstructor):
+    """The reconstructions in a folder. Their inputs are not known: they are compared with the networks that take touches."""
+
+    def __init__(
+        self,
+        name: str,
+        folder: Path,  # as `find_files` takes it
+        given: int,  # grasps that the files in the folder itself were made from
+        *,
+        misplaced: bool,  # also measure reconstructions far from their objects
+        image: str | None,  # the kind of image that baselines take, and whether they take touches
+        touch: bool,
+    ) -> None:
+        self.name, self.folder, self.given, self.misplaced, self.image, self.touch = name, folder, given, misplaced, image, touch
+        self.inputs = {"image": None, "touch": True}
+        self.sparse: list[int] = []  # points of the clouds that have fewer than are measured
+
+    def prepare(self, protocol: Protocol, grasps: int) -> None:
+        """List the files of the test objects; an `InvalidInput` names all that are missing or cannot be scored."""
+        tested, every = protocol.objects.object_ids, ObjectRows(protocol.job.data, ["points"], None)
+        untested = [name for name in (*every.object_ids, *every.failed) if name not in tested]
+        self.files, self.points = find_files(self.folder, tested, untested, self.given, grasps), protocol.objects.count
+        if faults := list(find_faults(self.files, protocol.objects.points, misplaced=self.misplaced)):
+            raise InvalidInput(f"{self.folder} cannot be scored:\n  " + "\n  ".join(faults))
+
+    def cases(self, available: int, numbers: Sequence[int]) -> list[Case]:
+        """List the numbers of grasps, and the first grasps, that have files."""
+        return [
+            Case(first, tuple((first + step) % available for step in range(count)), count, (first,))
+            for count, first in sorted(self.files.paths)
+        ]
+
+    def reconstruct(self, objects: ObjectRows, work: Sequence[tuple[str, Case]]) -> list[Reconstruction]:
+        """Read the files; raise a `StageError` if one has become unreadable since it was checked."""
+        try:
+            surfaces = [read_surface(self.files.paths[case.grasp_count, case.first][object_id]) for object_id, case in work]
+        except InvalidInput as error:
+            raise StageError(f"{self.folder} changed while it was measured: {error}; score it again") from error
+        self.sparse += [len(item.vertices) for item in surfaces if not len(item.faces) and len(item.vertices) < self.points]
+        return surfaces
+
+    def remarks(self) -> Iterator[str]:
+        """Report files that were not scored, and point clouds with fewer points than are measured."""
+        if self.files.unused:
+            yield f"{pluralise(len(self.files.unused), 'file')} of objects outside the test split: not scored"
+        if self.sparse:
+            yield (
+                f"{pluralise(len(self.sparse), 'point cloud')} with fewer than {self.points} points, {min(self.sparse)} or more: all of "
+                "them are measured, and distances are larger than a surface's"
+            )
 
 
 @dataclass(frozen=True)
 class ScoredFiles:
     """The files of a folder."""
 
+    folder: Path
     paths: Mapping[tuple[int, int], Mapping[str, Path]]  # by number of grasps and first grasp, and by object
     faults: Sequence[str]  # a line for each file that is missing or cannot be used
     unused: Sequence[str]  # names of files without a test object
@@ -94,7 +146,7 @@ def find_files(
     if not paths and not faults:
         faults.append(f"there is no file of a test object: files are called OBJECT with a suffix of {', '.join(SUFFIXES)}, and the test ")
         faults[-1] += f"objects are {abbreviate(list(tested))}"
-    return ScoredFiles(paths, faults, unused)
+    return ScoredFiles(folder, paths, faults, unused)
 
 
 def read_surface(
@@ -104,7 +156,13 @@ def read_surface(
 
     An `InvalidInput` names a file that is missing or damaged, holds no point, or one that is not finite.
     """
-    vertices, faces = _read_cloud(path) if path.suffix.lower() == CLOUD else _read_mesh(path)
+    if path.suffix.lower() == CLOUD:
+        points = read_array(path)
+        if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
+            raise InvalidInput(f"it holds an array {points.shape} of {points.dtype}, not (number of points, 3) numbers")
+        vertices, faces = points.astype(np.float64), np.zeros((0, 3), np.int64)
+    else:
+        vertices, faces = _read_mesh(path)
     if not len(vertices):
         raise InvalidInput("it holds no point")
     check_coordinates(vertices, "points")
@@ -113,14 +171,7 @@ def read_surface(
     return Reconstruction(vertices, faces, vision=len(vertices), position=np.arange(len(vertices)), side=2)
 
 
-def _read_cloud(path: Path) -> Surface:
-    points = read_array(path)
-    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
-        raise InvalidInput(f"it holds an array {points.shape} of {points.dtype}, not (number of points, 3) numbers")
-    return points.astype(np.float64), np.zeros((0, 3), np.int64)
-
-
-def _read_mesh(path: Path) -> Surface:
+def _read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     try:
         mesh = load_mesh(path)
     except InvalidInput as error:
@@ -144,8 +195,7 @@ def _read_mesh(path: Path) -> Surface:
 
 
 def find_faults(
-    files: ScoredFiles,  # of the folder
-    folder: Path,  # omitted from their names
+    files: ScoredFiles,
     truth: Callable[[str], NDArray[np.float64]],  # reads the points of an object, (N, 3) world, m
     *,
     misplaced: bool,  # also score reconstructions far from their object, or of quite another size
@@ -153,21 +203,21 @@ def find_faults(
     """Read every file, and name those that cannot be scored."""
     yield from files.faults
     shares, anyway = [], "; --misplaced measures it as it is"
-    for objects in files.paths.values():
-        for object_id, path in objects.items():
-            try:
-                reconstruction = read_surface(path)
-            except InvalidInput as error:
-                yield f"{path.relative_to(folder)}: {error}"
-                continue
-            if len(reconstruction.faces) and not _has_area(reconstruction):
-                yield f"{path.relative_to(folder)}: none of its {len(reconstruction.faces)} faces has an area"
-                continue
-            points, surface = truth(object_id), sample_reconstruction(reconstruction, DRAWN, numpy_rng(0, "score", object_id))[0]
-            if not misplaced and (problem := misplacement(surface, points)):
-                yield f"{path.relative_to(folder)}: {problem}{anyway}"
-            else:
-                shares.append(_share_when_turned(surface, points))
+    for object_id, path in ((object_id, path) for objects in files.paths.values() for object_id, path in objects.items()):
+        name = path.relative_to(files.folder)
+        try:
+            reconstruction = read_surface(path)
+        except InvalidInput as error:
+            yield f"{name}: {error}"
+            continue
+        if len(reconstruction.faces) and not face_cross_products(reconstruction.vertices[reconstruction.faces]).any():
+            yield f"{name}: none of its {len(reconstruction.faces)} faces has an area"
+            continue
+        points, surface = truth(object_id), sample_reconstruction(reconstruction, DRAWN, numpy_rng(0, "score", object_id))[0]
+        if not misplaced and (problem := misplacement(surface, points)):
+            yield f"{name}: {problem}{anyway}"
+        else:
+            shares.append(_share_when_turned(surface, points))
     if shares and not misplaced and np.median(shares) < TURNED:
         yield (
             "turned by 90° about x, half of the reconstructions or more would be several times nearer to their objects: the files have y "
@@ -205,10 +255,6 @@ def _box(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
     """Compute the middle (3,) and diagonal of the box of points (N, 3) without the outermost hundredth per side."""
     low, high = np.quantile(points, (0.01, 0.99), axis=0)
     return (low + high) / 2, float(np.linalg.norm(high - low))
-
-
-def _has_area(reconstruction: Reconstruction) -> bool:
-    return bool(face_cross_products(reconstruction.vertices[reconstruction.faces]).any())
 
 
 def _share_when_turned(

@@ -12,9 +12,9 @@ from skimage.filters import gaussian
 from skimage.measure import CircleModel, label, ransac, regionprops
 from skimage.transform import warp_polar
 
+from pipeline.contrib.calibration.ball_contact import Circle
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array
-from pipeline.kernels.touch.ball_contact import Circle
 
 SMALLEST = 8.0  # radius of a contact that is searched for, pixels
 LEAST_CHANGE = 6.0  # from the untouched image, levels, where a contact differs most

@@ -1,13 +1,14 @@
-"""Success of touches, and local points."""
+"""Depth maps: which touch, and how they are quantised."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.kernels.touch.depth_maps import CONTACT_MARGIN, local_points, touch_success
+from pipeline.kernels.touch.depth_maps import CONTACT_MARGIN, local_points, quantise_depth, touch_success
 from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from tests.kernels.touch.shapes import SENSOR, pybullet_triangles, random_pose, ray_origins
+from tests.strategies import seeds
 
 
 def test_touch_success_requires_depth_below_gel_minus_margin() -> None:
@@ -51,3 +52,24 @@ def test_local_points_reject_other_types_and_nan(value: float, dtype: type, name
 def test_touch_success_rejects_nan() -> None:
     with pytest.raises(ValueError, match="NaN"):
         touch_success(np.full(SENSOR.shape, np.nan), SENSOR)
+
+
+@given(seed=seeds, gel=st.one_of(st.none(), st.integers(10, 40)), far=st.one_of(st.none(), st.integers(10, 40)))
+def test_quantisation_is_idempotent(seed, gel, far) -> None:
+    rng = np.random.default_rng(seed)
+    depth = np.concatenate([rng.uniform(0, 0.05, 200), SENSOR.w + rng.normal(size=50) * 1e-9, [0, np.inf, np.nextafter(SENSOR.w, 0)]])
+    stored = quantise_depth(depth, SENSOR, gel_bits=gel, far_bits=far)
+    step = np.where(depth < SENSOR.w, *(0 if bits is None else 2.0**-bits for bits in (gel, far)))
+    finite = np.isfinite(depth)
+    assert np.isinf(stored[~finite]).all()
+    unit = np.spacing(depth[finite].astype(np.float32)).astype(np.float64)
+    assert (np.abs(stored[finite] - depth[finite]) <= (step[finite] + unit * np.where(depth[finite] < SENSOR.w, 1, 2)) / 2).all()
+    assert (stored[depth >= SENSOR.w] >= SENSOR.w).all()  # nothing touches that did not
+    inner = np.abs(depth - SENSOR.w) > 1e-3  # what storing does not carry from the gel to beyond it, or back
+    again = quantise_depth(stored.astype(np.float64), SENSOR, gel_bits=gel, far_bits=far)
+    np.testing.assert_array_equal(again[inner & finite], stored[inner & finite])
+
+
+def test_quantisation_refuses_nan() -> None:
+    with pytest.raises(ValueError, match="depth holds NaN"):
+        quantise_depth(np.full(SENSOR.shape, np.nan), SENSOR, gel_bits=26, far_bits=18)

@@ -12,8 +12,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.arrays import Array
-from pipeline.kernels.touch.ball_contact import (
+from pipeline.contrib.calibration.ball_contact import (
     CONTACT_WEIGHT,
     Circle,
     Photograph,
@@ -23,7 +22,8 @@ from pipeline.kernels.touch.ball_contact import (
     sample_photographs,
     solve,
 )
-from pipeline.kernels.touch.calibrated_shading import polynomial_terms, powers, shade_depth
+from pipeline.kernels.arrays import Array
+from pipeline.kernels.touch.calibrated_shading import polynomial_terms, powers, shade_depth, slope_degrees
 from pipeline.kernels.touch.sensor import MM, POSITION_TERMS, Box, Calibration, Gel, Levels, Sensor, Shadow, pixel_centres
 
 MEMBRANES = (0.0, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)  # widths of the membrane that are tried, contact radii
@@ -198,19 +198,6 @@ def fit_background(image: NDArray[np.uint8], sensor: Sensor, degree: int) -> tup
     return tuple(zip(red, green, blue, strict=True))
 
 
-def fitted_range(calibration: Calibration) -> list[str]:
-    """Describe the slopes, depths and positions in which colours were fitted, as lines of text."""
-    slopes = f"fitted: slopes up to {slope_degrees(calibration):.0f} degrees"
-    if calibration.within is None:
-        return [f"{slopes}; the file does not say where contacts were (`within`): colours elsewhere are extrapolated, calibrate again"]
-    left, top, right, bottom = (MM * side for side in calibration.within)
-    depth = f"contacts up to {MM * calibration.deepest:.2f} mm deep"
-    return [
-        f"{slopes}, {depth}, x {left:.1f} to {right:.1f} mm, y {top:.1f} to {bottom:.1f} mm",
-        "beyond, colours are those of the nearest slope, depth and position in this range",
-    ]
-
-
 def missing_photographs(sensor: Sensor, calibration: Calibration, contacts: Sequence[Circle]) -> list[str]:
     """List the photographs that a calibration lacks, as lines of text, given the contacts that it was fitted to.
 
@@ -225,8 +212,3 @@ def missing_photographs(sensor: Sensor, calibration: Calibration, contacts: Sequ
     if (steepest := slope_degrees(calibration)) < STEEP:
         lines.append(f"no slope steeper than {steepest:.0f} degrees: press deeper, or use a smaller ball")
     return lines
-
-
-def slope_degrees(calibration: Calibration) -> float:
-    """Compute the steepest fitted slope, degrees."""
-    return math.degrees(math.asin(calibration.steepest))

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from pipeline.contrib.calibration.ball_contact import Circle, ball_impression
+from pipeline.contrib.calibration.find_contact import find_contact
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.ball_contact import Circle, ball_impression
-from pipeline.kernels.touch.find_contact import find_contact
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 
 

@@ -1,0 +1,226 @@
+"""Scores: reconstructors other than the networks of a data directory, measured as `evaluate` measures these, into DATA/scores/NAME."""
+
+import hashlib
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from pipeline.config.manifest import load_manifest
+from pipeline.config.settings import setting
+from pipeline.config.sources import Object, identity
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.make import make
+from pipeline.engine.plan import Request
+from pipeline.engine.stage import Cost, DatasetJob
+from pipeline.errors import InvalidInput
+from pipeline.formats.mesh_companions import Companions
+from pipeline.models.families import ROWS, load_reconstructor, load_rows, model_name, rows_of, trained_folder
+from pipeline.models.observation import stored_camera
+from pipeline.models.reconstruction import Reconstructor as Model
+from pipeline.models.shipped_weights import DEFAULT, SHIPPED, read_card, shipped_models
+from pipeline.store import digest
+from pipeline.store.digest import hashes_of
+from pipeline.store.directory import DataDirectory
+from pipeline.store.publish import withdraw
+from pipeline.store.record import library_versions
+from pipeline.store.storage import Location
+from pipeline.training.device import device_of
+from schemas.base import Artifact
+from schemas.charts import CHARTS
+from schemas.grasps import GRASPS
+from schemas.surfaces import SURFACES
+from schemas.touch import TOUCH
+from schemas.vision import VISION
+from stages.evaluate.evaluation_files import METHOD_NAME, SHIPPED_ROWS, SHIPPED_SCORES, evaluations, read_root
+from stages.evaluate.files import SUFFIXES, Files, surface_files
+from stages.evaluate.measure import Network, Reconstructor
+from stages.evaluate.stage import Evaluate, GraspMeasuringSettings, artifacts_of
+
+
+class ScoreSettings(GraspMeasuringSettings):
+    """Choose which files `vt-pipeline score` measures, and how; these settings are the command's."""
+
+    method: str = setting(..., "name of the method, in tables", changes="definition", pattern=METHOD_NAME)
+    files: str = setting(..., "SHA-256 of all files of the folder, with their names", changes="definition")
+    given: int = setting(1, "grasps that the files in the folder itself were made from", ge=1, changes="definition")
+    misplaced: bool = setting(False, "whether reconstructions that are far from their objects are measured too", changes="definition")
+
+
+class ShippedSettings(GraspMeasuringSettings):
+    """Choose the inputs of the pretrained network; these settings are those of `vt-pipeline report --shipped`."""
+
+    configurations: tuple[str, ...] = setting(..., "its inputs: rows of the tables", changes="definition")
+    weights: str = setting(..., "SHA-256 of the record of the weights", changes="definition")
+    learned_from: tuple[str, ...] = setting((), "test objects that it has learned from", changes="definition")
+
+
+class Score(Evaluate):
+    """Measure reconstructors with the draws of `evaluate`, so that a network's own meshes get its own figures."""
+
+    name = "score"
+
+    def __init__(
+        self,
+        folder: str,  # to fill, below the data directory
+        reconstructors: Sequence[Reconstructor],
+        artifacts: Sequence[Artifact],  # that they and the baselines beside them take, apart from surfaces and grasps
+    ) -> None:
+        self.folder, self.measured, self.artifacts = folder, reconstructors, artifacts
+
+    def inputs(self, settings: Any) -> tuple[Artifact, ...]:
+        return (SURFACES, GRASPS, *self.artifacts)
+
+    def networks(self, settings: Any) -> dict[str, str]:
+        return {}
+
+    def writes(self, settings: Any) -> str:
+        return self.folder
+
+    def cost(self, settings: Any, objects: int) -> Cost:
+        """Estimate a second and 200 kB per object: five reconstructions of a fifth of them."""
+        return Cost(seconds=objects, kilobytes=200 * objects)
+
+    def reconstructors(self, job: DatasetJob) -> Sequence[Reconstructor]:
+        return self.measured
+
+    def attributes(self, job: DatasetJob, protocol: Any) -> dict[str, Any]:
+        """Return the version, for those who cite the score."""
+        return {"vt_pipeline": library_versions()["vt-pipeline"]}
+
+    def run(self, directory: DataDirectory, settings: GraspMeasuringSettings, console: Console) -> str:
+        """Measure, if it is not up to date, with the seed of the evaluation or else of the dataset; return the filled folder's name."""
+        surfaces = directory.collection(SURFACES)
+        record, seed = surfaces.first.record, surfaces.first.record.seed
+        if evaluated := evaluations(directory):
+            seed = read_root(directory.verified_folder(evaluated[0]))["seed"]
+        objects = [Object(name, surfaces.row(name).category, {}, surfaces.row(name).split) for name in surfaces]
+        options = {str(option): value for option, value in record.options.items()}
+        make(Request(self, settings, record.manifest, objects, record.preset, seed, directory.root, options=options), console)
+        return self.folder
+
+
+def score(
+    folder: Path,  # OBJECT.SUFFIX of each test object, m, world frame: meshes or point clouds; perhaps folders grasps-N, grasps-N-from-K
+    data: Location,
+    console: Console,
+    *,
+    name: str | None = None,  # of the method; by default, the folder's
+    grasps: int = 1,  # that the files in the folder itself were made from
+    misplaced: bool = False,  # measure reconstructions too that are far from their object, or of quite another size
+) -> str:  # the folder of the figures, below the data directory
+    """Measure a folder's reconstructions of the test objects.
+
+    Where the networks of the data directory were evaluated, the settings and the seed are those of that evaluation.
+    """
+    if not folder.is_dir():
+        raise InvalidInput(f"{folder} is no folder; name one with a file per test object, OBJECT with a suffix of {', '.join(SUFFIXES)}")
+    name = folder.resolve().name if name is None else name
+    if not re.fullmatch(METHOD_NAME, name):
+        raise InvalidInput(f"{name!r} cannot be a method's name; give one with --name, of letters, digits, '.', '_' and '-', at most 100")
+    if f"scores/{name}" == SHIPPED_SCORES:
+        raise InvalidInput(f"--name {name}: that is the pretrained network, which `report --shipped` measures; choose another name")
+    directory = DataDirectory(data)
+    artifacts = [artifact for artifact in (TOUCH, VISION) if directory.collection(artifact).shards]
+    image = "unoccluded" if VISION in artifacts else None
+    files = Files(name, folder, grasps, misplaced=misplaced, image=image, touch=TOUCH in artifacts)
+    settings = ScoreSettings(**measuring_settings(directory), method=name, files=files_digest(folder), given=grasps, misplaced=misplaced)
+    return Score(f"scores/{name}", [files], artifacts).run(directory, settings, console)
+
+
+def files_digest(folder: Path) -> str:
+    """Compute the digest of a folder's reconstructions, and of the buffers that .gltf files name: OBJECT.bin."""
+    files = [path for path in surface_files(folder) if path.is_file()]
+    hashes = hashes_of(folder, [str(path.relative_to(folder)) for path in files])
+    for path in (path for path in files if path.suffix.lower() == ".gltf"):
+        with suppress(InvalidInput, OSError):  # one that cannot be used is named when all are checked
+            for name, content in Companions(path).items():
+                hashes[f"{path.relative_to(folder)} {name}"] = hashlib.sha256(content).hexdigest()
+    return digest.of_json(hashes)
+
+
+def measuring_settings(directory: DataDirectory) -> dict[str, Any]:
+    """Choose the measuring settings: those of the networks' evaluation if there is one."""
+    if evaluated := evaluations(directory):
+        settings = read_root(directory.verified_folder(evaluated[0]))["settings"]
+        measuring = {key: value for key, value in settings.items() if key in GraspMeasuringSettings.model_fields}
+    else:
+        points = directory.collection(SURFACES).first.array("points").shape[1]
+        measuring = {"points": min(GraspMeasuringSettings.model_fields["points"].default, points)}
+    return measuring | {"closed_resolution": None, "grasps": (1,)}
+
+
+def score_shipped(data: Location, console: Console) -> list[str]:
+    """Measure the pretrained network on the test objects; return the inputs that it was not given, and why."""
+    directory = DataDirectory(data)
+    surfaces = directory.collection(SURFACES)
+    if surfaces.shards and not any(surfaces.row(name).split == "test" for name in surfaces):
+        rows, reasons = list[str](), ["the dataset has no test objects (`splits` of its manifest)"]
+    else:
+        rows, reasons = fitting_rows(directory)
+    if not rows:  # what was measured before is of a dataset that is gone
+        withdraw(directory.folder_record(SHIPPED_SCORES))
+        return reasons
+    settings = ShippedSettings(
+        **measuring_settings(directory), configurations=tuple(rows), weights=shipped_digest(), learned_from=learned_objects(directory)
+    )
+    models = load_rows(dict.fromkeys(rows, shipped_folder()), device_of(settings.accelerator)).items()
+    networks = [Network(SHIPPED_ROWS + name.removeprefix(f"{DEFAULT}-"), model, first_only=True) for name, model in models]
+    Score(SHIPPED_SCORES, networks, artifacts_of(rows)).run(directory, settings, console)
+    return reasons
+
+
+def learned_objects(directory: DataDirectory) -> tuple[str, ...]:
+    """Name the test objects that the pretrained network has learned from."""
+    if not directory.collection(SURFACES).first.has("source_file"):  # older datasets
+        return ()
+    manifests = map(load_manifest, read_card(DEFAULT).learned_from)
+    learned = {identity(item.source) for manifest in manifests for item in manifest.objects(None) if item.split == "train"}
+    rows = ObjectRows(directory.root, ["source_file", "source_sha256"], "test")
+    return tuple(name for name in rows.object_ids if learned & {str(rows.read(array, name)) for array in ("source_file", "source_sha256")})
+
+
+def shipped_folder() -> Path:
+    """Return the folder of the pretrained network; raise a `StageError` if this version has none."""
+    return trained_folder(shipped_models(), DEFAULT)
+
+
+def shipped_digest() -> str:
+    """Compute the SHA-256 of its record, which names every file of the weights by its digest; empty if there is none."""
+    record = SHIPPED / f"{model_name(DEFAULT).removeprefix('models/')}.json"
+    return hashlib.sha256(record.read_bytes()).hexdigest() if record.exists() else ""
+
+
+def fitting_rows(directory: DataDirectory) -> tuple[list[str], list[str]]:
+    """Choose the rows whose inputs a dataset has; say why the others are skipped."""
+    model = load_reconstructor(DEFAULT, shipped_folder())
+    reasons = _missing_inputs(directory, model)
+    rows = []
+    for name in rows_of(DEFAULT):
+        inputs = ROWS[name].inputs
+        takes = {*([inputs.image] if inputs.image else []), *(["touch"] if inputs.touch else [])}
+        if takes and not takes & reasons.keys():
+            rows.append(name)
+    return rows, [f"{kind}: {why}" for kind, why in reasons.items()]
+
+
+def _missing_inputs(directory: DataDirectory, model: Model) -> dict[str, str]:
+    """Name the inputs that the dataset cannot give the network, with the reason."""
+    images, charts = directory.collection(VISION), directory.collection(CHARTS)
+    missing: dict[str, str] = {}
+    for kind in ("occluded", "unoccluded"):
+        if not images.shards or (kind == "occluded" and not images.first.has(kind)):
+            missing[kind] = "render-vision has not made it"
+    if images.shards:
+        rows = ObjectRows(directory.root, ["projection"], "test")
+        if not all(model.trained.has_view(stored_camera(rows, object_id, model.config)) for object_id in rows.object_ids):
+            why = "not all images are from the camera that it was trained with"
+            missing = dict.fromkeys(("occluded", "unoccluded"), why) | missing
+    if not charts.shards:
+        missing["touch"] = "fit-charts has not been run"
+    elif (vertices := charts.first.array("vertices").shape[-2]) != model.config.side**2:
+        missing["touch"] = f"charts have {vertices} vertices, it takes {model.config.side**2}"
+    return missing
