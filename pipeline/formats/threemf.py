@@ -1,8 +1,7 @@
-"""3MF files: the objects that are built, with the colours and textures of the core and materials specifications."""
+"""3MF files: the objects that are built, with the colours of the core and materials specifications."""
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from io import BytesIO
 from xml.etree.ElementTree import Element
 
@@ -15,12 +14,10 @@ from pipeline.formats.mesh_parts import (
     GREY,
     MAX_DEPTH,
     MAX_INSTANCES,
-    WHITE,
     build_part,
     check_corners,
     check_count,
     posed,
-    split_vertices,
 )
 from pipeline.formats.textures import Textures
 from pipeline.formats.threemf_package import Model, Package, parse_model
@@ -34,7 +31,7 @@ NO_SHAPE = {"support": "a support", "solidsupport": "a support", "other": "a hel
 """Types of objects that are no part of the shape."""
 COLORS = {"basematerials": "displaycolor", "colorgroup": "color"}
 """Groups of properties that are colours, and the attribute of each entry that states it."""
-UNREAD = {"compositematerials": "mixtures of materials", "multiproperties": "layers of properties"}
+UNREAD = {"compositematerials": "mixtures of materials", "multiproperties": "layers of properties", "texture2dgroup": "textures"}
 """Groups of properties that are not read."""
 SLICER_VOLUMES = {
     "Metadata/Slic3r_PE_model.config": re.compile(rb"ParameterModifier|NegativeVolume|SupportEnforcer|SupportBlocker"),
@@ -48,7 +45,7 @@ SETTINGS = ("metadatagroup", "settings")
 """Elements of an object that hold its settings; the latter is of early versions of Cura."""
 
 
-def read_threemf(file: Companions, textures: Textures) -> Iterator[Mesh]:
+def read_threemf(file: Companions, _: Textures) -> Iterator[Mesh]:
     """Read the meshes of a 3MF file in the poses of its build."""
     package, unread = Package(BytesIO(file.content)), file.unread
     for name, words in SLICER_VOLUMES.items():
@@ -58,27 +55,15 @@ def read_threemf(file: Companions, textures: Textures) -> Iterator[Mesh]:
                     raise InvalidInput(f"it has volumes that modify others ({word[0].decode()} in {name}); export its parts as STL")
     if FILAMENTS in package:
         unread.append(f"colours of filaments ({FILAMENTS}) are not read")
-    yield from _Builder(package, textures).build()
-
-
-@dataclass
-class _Properties:
-    """The entries of all groups of properties of a part: the first is grey, for none."""
-
-    first: dict[int, int]  # the first entry of a group
-    color: NDArray[np.uint8]  # (N, 4)
-    uv: Array  # (N, 2)
-    texture: NDArray[np.int64]  # (N,) index in `textures`, -1 for none
-    textures: list[NDArray[np.uint8] | None]
+    yield from _Builder(package, unread).build()
 
 
 class _Builder:
     """The models of a package, parsed when they are first used."""
 
-    def __init__(self, package: Package, textures: Textures) -> None:
-        self._package, self._textures, self._unread = package, textures, textures.unread
+    def __init__(self, package: Package, unread: list[str]) -> None:
+        self._package, self._unread = package, unread
         self._parts: dict[str, Model] = {}
-        self._properties: dict[str, _Properties] = {}
         self._unit = ""  # of the main model, which is the first
         self._instances = 0
 
@@ -147,59 +132,25 @@ class _Builder:
         if not len(triangles):
             return
         check_corners(triangles[:, :3], len(vertices))
-        table = self._table(part)
-        entries = _entries(thing, triangles[:, 3:], table)
-        varied = (entries != entries[:, :1]).any(axis=1) & (table.texture[entries[:, 0]] < 0)  # colours that differ at the corners
-        face_color = table.color[np.where(varied, -1, entries[:, 0])]
-        corner_color = np.where(varied[:, None], entries, -1)  # the last entry is white
-        used = np.where(table.texture[entries] >= 0, entries, corner_color + len(table.color) * (corner_color < 0))
-        vertex, entry, faces = split_vertices(triangles[:, :3], used)
-        vertices, turned = posed(pose, vertices[vertex], faces)
-        yield build_part(
-            vertices,
-            turned,
-            face_color=face_color,
-            vertex_color=table.color[entry] if varied.any() else None,
-            uv=table.uv[entry],
-            page=table.texture[entries[:, 0]],
-            textures=table.textures,
-        )
+        vertices, faces = posed(pose, vertices, triangles[:, :3])
+        yield build_part(vertices, faces, face_color=self._face_colors(part, thing, triangles[:, 3:]))
 
-    def _table(self, part: Model) -> _Properties:
-        """Read the properties of a part: entry 0 is none, the last one is white."""
-        if part.name in self._properties:
-            return self._properties[part.name]
-        first, textures = dict[int, int](), list[NDArray[np.uint8] | None]()
-        none = (GREY, (0.0, 0.0), -1)
-        rows = [none]  # color, coordinates and number of the texture of each entry
-        for number, group in part.resources.items():
-            if group.tag not in (*COLORS, *UNREAD, "texture2dgroup"):
-                continue
-            first[int(number)] = len(rows)
-            if group.tag in UNREAD:
-                self._unread.append(f"{UNREAD[group.tag]} ({group.tag}) are not read")
-            if group.tag == "texture2dgroup":
-                textures.append(self._texture(part, group))
-                color, page = (GREY, -1) if textures[-1] is None else (WHITE, len(textures) - 1)
-                rows += [(color, (float(entry.attrib["u"]), float(entry.attrib["v"])), page) for entry in group]
-            else:
-                rows += [(_color(entry.get(COLORS.get(group.tag, ""), "")), *none[1:]) for entry in group]
-        colors, uv, pages = zip(*rows, (WHITE, *none[1:]), strict=True)
-        table = _Properties(first, np.array(colors, np.uint8), np.array(uv, np.float64), np.array(pages, np.int64), textures)
-        return self._properties.setdefault(part.name, table)
-
-    def _texture(self, part: Model, group: Element) -> NDArray[np.uint8] | None:
-        texture = part.resources.get(group.attrib["texid"], group)
-        path = texture.get("path", "")
-        if path not in self._package:
-            self._unread.append(f"{path} is missing in the 3MF")
-            return None
-        for axis in "uv":
-            outside = any(not 0 <= float(entry.attrib[axis]) <= 1 for entry in group)
-            if outside and (style := texture.get(f"tilestyle{axis}", "wrap")) != "wrap":
-                self._unread.append(f"{path} is repeated where the file says {style}")
-        with self._package.open(path) as stream:
-            return self._textures.read(path, stream.read())
+    def _face_colors(self, part: Model, thing: Element, properties: NDArray[np.int64]) -> NDArray[np.uint8]:
+        """Find the colours (T, 4) of triangles from the group and the three numbers (T, 4) of their properties, or their object's."""
+        if ((properties[:, 2:] >= 0) & (properties[:, 2:] != properties[:, 1:2])).any():
+            self._unread.append("colours that differ at the corners of a triangle are not read, but the first")
+        group, number = properties[:, 0], properties[:, 1]
+        group = np.where(group < 0, int(thing.get("pid", -1)), group)
+        number = np.where(number < 0, int(thing.get("pindex", 0)), number)
+        colors = np.full((len(properties), 4), GREY, np.uint8)
+        for used in np.unique(group).tolist():
+            properties_used = part.resources.get(str(used), Element(""))
+            if properties_used.tag in UNREAD:
+                self._unread.append(f"{UNREAD[properties_used.tag]} ({properties_used.tag}) are not read")
+            elif properties_used.tag in COLORS and len(properties_used):
+                listed = [_color(entry.get(COLORS[properties_used.tag], "")) for entry in properties_used]
+                colors[group == used] = np.array(listed, np.uint8)[np.minimum(number[group == used], len(listed) - 1)]
+        return colors
 
 
 def _transform(reference: Element) -> Array:
@@ -208,20 +159,6 @@ def _transform(reference: Element) -> Array:
     if transform := reference.get("transform"):
         pose[:3] = np.array(transform.split(), np.float64).reshape(4, 3).T
     return pose
-
-
-def _entries(thing: Element, properties: NDArray[np.int64], table: _Properties) -> NDArray[np.int64]:
-    """Find the entries (T, 3) of the corners of triangles from their group and numbers (T, 4), or those of their object."""
-    group, numbers = properties[:, 0], properties[:, 1:]
-    own_group = int(thing.get("pid", -1))
-    whole = np.where(numbers[:, :1] < 0, int(thing.get("pindex", 0)), numbers[:, :1])
-    numbers = np.where(numbers < 0, whole, numbers)
-    group = np.where(group < 0, own_group, group)
-    names = np.array(sorted(table.first), np.int64)
-    firsts = np.array([0, *(table.first[name] for name in names.tolist())])
-    index = np.searchsorted(names, group, side="right")
-    exists = np.isin(group, names)[:, None]
-    return np.where(exists, np.minimum(firsts[index][:, None] + numbers, len(table.color) - 2), 0)
 
 
 def _color(text: str) -> tuple[int, int, int, int]:
