@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.kernels.touch.depth_maps import press_gel, scaled_gel
 from pipeline.kernels.touch.press_shapes import random_press
-from pipeline.kernels.touch.pressed_gel import press_gel, scaled_gel
 from pipeline.kernels.touch.sensor import Sensor, resample_longer_side
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.models.touch_model import LocalTouchModel, save_touch_model
