@@ -24,7 +24,7 @@ from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.models.shipped_weights import CARD, SENSORS, SHIPPED, TrainedOn
 from pipeline.models.touch_model import LocalTouchModel
-from pipeline.real_touch.train_sensor import PRESSES, save_sensor_network, train_sensor_network
+from pipeline.real_touch import PRESSES, save_sensor_network, train_sensor_network
 from pipeline.rng import numpy_rng
 from stages.train_touch import TouchTrainingSettings
 

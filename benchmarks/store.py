@@ -12,7 +12,7 @@ from zarr.storage import LocalStore
 
 from benchmarks.timing import Table, over_items, side_by_side, three_digits
 from pipeline.store.directory import DataDirectory
-from pipeline.store.layout import group_spec
+from pipeline.store.layout import array_spec
 from schemas.touch import TOUCH
 
 OURS, NPY, HDF5 = "Zarr, as stored (ours)", ".npy, one file per array", "HDF5, gzip and shuffle"
@@ -115,10 +115,11 @@ def _read(_write: object, opened: Any, folder: Path, names: Sequence[str], index
 
 
 def _write_zarr(folder: Path, arrays: Arrays) -> None:
-    spec = group_spec(TOUCH, {name: array.shape for name, array in arrays.items()}, {})
-    group: Any = spec.to_zarr(LocalStore(folder / "touch.zarr"), path="", overwrite=True)
+    store = LocalStore(folder / "touch.zarr")
+    zarr.create_group(store)
     for name, array in arrays.items():
-        group[name][...] = array
+        stored: Any = array_spec(TOUCH.arrays[name], array.shape).to_zarr(store, path=name)
+        stored[...] = array
 
 
 def _write_npy(folder: Path, arrays: Arrays) -> None:

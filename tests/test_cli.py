@@ -345,9 +345,3 @@ def test_shell_completes_names(words: str, completed: list[str]) -> None:
     environment = {"_VT_PIPELINE_COMPLETE": "complete_bash", "COMP_WORDS": f"vt-pipeline {words}", "COMP_CWORD": str(len(words.split()))}
     result = CliRunner().invoke(app, [], prog_name="vt-pipeline", env=environment)
     assert result.output.split() == completed
-
-
-def test_stages_of_a_dataset_are_loaded_without_the_libraries_that_compute():
-    code = "import sys; from stages.registry import *; [load_stage(name) for name in DATASET]; print([*sys.modules])"
-    modules = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert not [name for name in ("numba", "trimesh", "torch", "pybullet", "scipy.spatial") if f"'{name}'" in modules]

@@ -126,13 +126,13 @@ class _Document:
         """Read the triangles of a surface."""
         if surface.find("ph") is not None:
             raise _unread_shape("ph")
-        inputs = dict[str, tuple[int, Array]]()  # offset among the numbers of a corner, and values; the first of each meaning
-        stride = 1
+        inputs, stride = dict[str, tuple[int, Array]](), 1  # the first of each meaning: offset among the numbers of a corner, and values
         for given in surface.findall("input"):
             offset, source = int(given.get("offset", 0)), _target(given.get("source"), names)
             stride = max(stride, offset + 1)
             for named in source.findall("input") if source is not None and given.get("semantic") == "VERTEX" else [given]:
-                inputs.setdefault(named.get("semantic", ""), (offset, _source(named.get("source"), names)))
+                if (meaning := named.get("semantic")) in ("POSITION", "TEXCOORD", "COLOR") and meaning not in inputs:
+                    inputs[meaning] = offset, _source(named.get("source"), names)
         corners, sizes = _polygons(surface, stride)
         if not len(corners):
             return _Part("", np.empty((0, 3)), None, None)

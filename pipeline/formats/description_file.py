@@ -49,7 +49,9 @@ def description_path(kind: Kind, name: str | Path) -> Path:
     plugins.check_unique(kind, str(name), [owner for _, owner in files])
     path = files[0][0]
     if not os.path.isfile(path):
-        guess = closest_name(name, shipped) or _similar_file(path) or closest_name(path.name, shipped)
+        neighbours = {file.name: file for file in islice(path.parent.glob("*.y*ml"), 1000)} if path.parent.is_dir() else {}
+        similar = neighbours.get(closest_name(path.name, neighbours) or "")
+        guess = closest_name(name, shipped) or similar or closest_name(path.name, shipped)
         hint = f", did you mean {guess}?" if guess else ";"
         empty = [
             f"; package {plugins.package_of(entry)} names {entry.value} as its folder of {kind}s, which has no YAML files"
@@ -59,11 +61,6 @@ def description_path(kind: Kind, name: str | Path) -> Path:
         remedy = f"built in are {', '.join(shipped)}, or give the path of a YAML file{''.join(empty)}"
         raise InvalidInput(f"there is no {kind} {str(name)!r}{hint} {remedy}")
     return path
-
-
-def _similar_file(path: Path) -> Path | None:
-    neighbours = {file.name: file for file in islice(path.parent.glob("*.y*ml"), 1000)} if path.parent.is_dir() else {}
-    return neighbours.get(closest_name(path.name, neighbours) or "")
 
 
 def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
@@ -91,30 +88,23 @@ def parse_yaml(
     text: str,
     source: str,  # its file, for messages
 ) -> Any:
-    """Parse YAML without aliases, which make the size of what is read unbounded, and without tags such as `!!float`.
-
-    An `InvalidInput` says what it has of these, or that it is too large, too deep or no YAML.
-    """
+    """Parse YAML without aliases, which make the size of what is read unbounded, and without tags such as `!!float`."""
     try:
-        return _parse(text)
+        if len(text) > MAX_BYTES:
+            raise ValueError(f"it has {len(text)} characters; {MAX_BYTES} are the most that are read")
+        depth = 0
+        for event in yaml.parse(text, Loader=yaml.CSafeLoader):
+            if isinstance(event, yaml.AliasEvent):
+                raise ValueError(f"it has an alias, *{event.anchor}; write out what it stands for")
+            if tag := getattr(event, "tag", None):
+                raise ValueError(f"it has a tag, {tag}; write the value alone")
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > MAX_DEPTH:
+                raise ValueError(f"its entries are nested more than {MAX_DEPTH} deep")
+        return yaml.load(text, Loader=_UniqueEntries)
     except (ValueError, yaml.YAMLError) as error:
         reason = ", ".join(line.strip() for line in str(error).replace('in "<unicode string>", ', "").splitlines())
         raise InvalidInput(f"{source} cannot be read as YAML: {reason}") from error
-
-
-def _parse(text: str) -> Any:
-    if len(text) > MAX_BYTES:
-        raise ValueError(f"it has {len(text)} characters; {MAX_BYTES} are the most that are read")
-    depth = 0
-    for event in yaml.parse(text, Loader=yaml.CSafeLoader):
-        if isinstance(event, yaml.AliasEvent):
-            raise ValueError(f"it has an alias, *{event.anchor}; write out what it stands for")
-        if tag := getattr(event, "tag", None):
-            raise ValueError(f"it has a tag, {tag}; write the value alone")
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > MAX_DEPTH:
-            raise ValueError(f"its entries are nested more than {MAX_DEPTH} deep")
-    return yaml.load(text, Loader=_UniqueEntries)
 
 
 class _UniqueEntries(yaml.CSafeLoader):

@@ -16,8 +16,6 @@ from pipeline.formats.mesh_parts import strip_corners
 from pipeline.kernels.arrays import Array
 
 MAX_ENTRIES = 1_000_000  # maximum number of commas and opening brackets in the JSON: each may take a hundred bytes
-MAX_NON_ASCII = 2**25
-"""Maximum size of a JSON that is not ASCII: one such character makes all others four times as large in memory."""
 MAX_ROWS = 6_000_000  # maximum number of rows of an accessor: the corners of two million triangles
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 """The types of an accessor's components (glTF 2.0, section 3.6.2.2)."""
@@ -41,8 +39,6 @@ def read_document(name: str, content: bytes) -> dict[str, Any]:
         content = content[20 : 20 + int.from_bytes(content[12:16], "little")].rstrip(b"\0")
     if (entries := sum(content.count(mark) for mark in (b",", b"[", b"{"))) > MAX_ENTRIES:
         raise InvalidInput(f"{name} has {entries} entries in its JSON, {MAX_ENTRIES} are the most; join its nodes and meshes")
-    if len(content) > MAX_NON_ASCII and not content.isascii():
-        raise InvalidInput(f"{name} has {len(content)} bytes of JSON, {MAX_NON_ASCII} are the most unless all is ASCII; write it as GLB")
     try:
         tree: Any = json.loads(content)
     except (ValueError, RecursionError) as error:

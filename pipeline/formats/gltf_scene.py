@@ -4,7 +4,6 @@ By glTF 2.0, sections 3.5 and 3.7, and EXT_mesh_gpu_instancing.
 """
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -136,7 +135,11 @@ class _Nodes:
         self._world = dict[int, Array]()
         waiting = list(roots)
         for number in waiting:
-            pose = _pose(self._document.entry("nodes", number))
+            node = self._document.entry("nodes", number)
+            if "matrix" in node:
+                pose = np.array(node["matrix"], np.float64).reshape(4, 4).T
+            else:
+                pose = pose_matrix(*(node.get(name.lower(), default) for name, default in REST.items()))
             self._world[number] = compose(self._world[parents[number]], pose) if number in parents else pose
             waiting += self._children[number]
         if len(self._world) < len(self._nodes):
@@ -153,9 +156,3 @@ class _Nodes:
                 shown[number] = None
                 waiting += reversed(self._children[number])
         return list(shown)
-
-
-def _pose(node: dict[str, Any]) -> Array:
-    if "matrix" in node:
-        return np.array(node["matrix"], np.float64).reshape(4, 4).T
-    return pose_matrix(*(node.get(name.lower(), default) for name, default in REST.items()))

@@ -48,7 +48,11 @@ def joint_roles(
         if leader not in moving:
             raise InvalidInput(f"joint {lost[0]} follows {leader!r}, which is no moving joint of the hand; freeze it: {{{lost[0]}: 0}}")
         raise InvalidInput(f"joint {lost[0]} follows {leader!r}, which no finger uses; list that one under a finger, or freeze both")
-    _check_angles(frozen, moving)
+    for name, angle in frozen.items():
+        lower, upper = moving[name].limits
+        limited = moving[name].mimic is None or lower < upper  # a follower needs no limits
+        if limited and not lower <= angle <= upper:
+            raise InvalidInput(f"frozen: {name} is {angle:g}, outside its limits {lower:g} … {upper:g}")
     followers = [(moving[name], mimic) for name, mimic in leaders.items() if name not in angles]
     return JointRoles(
         tuple(_freeze(joint, angles[joint.name]) if joint.name in angles else joint for joint in joints),
@@ -69,14 +73,6 @@ def _leader(joint: Joint, moving: Mapping[str, Joint], frozen: Collection[str]) 
         further = leader.mimic
         mimic = Mimic(further.joint, mimic.multiplier * further.multiplier, mimic.multiplier * further.offset + mimic.offset)
     return mimic
-
-
-def _check_angles(frozen: Mapping[str, float], moving: Mapping[str, Joint]) -> None:
-    for name, angle in frozen.items():
-        lower, upper = moving[name].limits
-        limited = moving[name].mimic is None or lower < upper  # a follower needs no limits
-        if limited and not lower <= angle <= upper:
-            raise InvalidInput(f"frozen: {name} is {angle:g}, outside its limits {lower:g} … {upper:g}")
 
 
 def _freeze(joint: Joint, angle: float) -> Joint:

@@ -73,26 +73,22 @@ def open_image(path: Path, formats: list[str] | tuple[str, ...] = FORMATS, *, ma
 
 def _read_pixels(path: Path, modes: tuple[str, ...], what: str, remedy: str, convert: Callable[[Image.Image], Any]) -> Any:
     with open_image(path) as image:
-        _check(path, image, modes, what, remedy)
+        if image.width * image.height > MAX_PIXELS:
+            raise InvalidInput(f"{path} has {image.width} x {image.height} pixels; {MAX_PIXELS} are the most; make it smaller")
+        bits = 16 if image.format == "PNG" and any(tile[3] == "RGB;16B" for tile in image.tile) else 8  # type: ignore[attr-defined]
+        if isinstance(image, TiffImageFile):
+            bits = int(max(image.tag_v2.get(BITSPERSAMPLE, (8,))))
+        fault = ""
+        if image.mode not in modes:
+            fault = image.mode
+        elif image.mode == "RGB" and bits > 8:  # Pillow would keep their high bytes
+            fault = f"of {bits} bits"
+        elif image.mode in ("RGB", "L") and "transparency" in image.info:
+            fault = "with a transparent one"
+        if fault:
+            raise InvalidInput(f"{path} has {what} {fault}; save it as {remedy}")
         ImageOps.exif_transpose(image, in_place=True)
         return convert(image)
-
-
-def _check(path: Path, image: Image.Image, modes: tuple[str, ...], what: str, remedy: str) -> None:
-    if image.width * image.height > MAX_PIXELS:
-        raise InvalidInput(f"{path} has {image.width} x {image.height} pixels; {MAX_PIXELS} are the most; make it smaller")
-    if image.mode not in modes:
-        raise InvalidInput(f"{path} has {what} {image.mode}; save it as {remedy}")
-    if image.mode == "RGB" and _bits(image) > 8:  # Pillow would keep their high bytes
-        raise InvalidInput(f"{path} has {what} of {_bits(image)} bits; save it as {remedy}")
-    if image.mode in ("RGB", "L") and "transparency" in image.info:
-        raise InvalidInput(f"{path} has {what} with a transparent one; save it as {remedy}")
-
-
-def _bits(image: Image.Image) -> int:
-    if isinstance(image, TiffImageFile):
-        return int(max(image.tag_v2.get(BITSPERSAMPLE, (8,))))
-    return 16 if image.format == "PNG" and any(tile[3] == "RGB;16B" for tile in image.tile) else 8  # type: ignore[attr-defined]
 
 
 def read_array(path: Path) -> NDArray[Any]:

@@ -10,10 +10,10 @@ import re
 import time
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import takewhile
 from pathlib import Path
+from typing import NamedTuple
 from urllib.parse import unquote
 
 from pipeline.errors import InvalidInput
@@ -184,8 +184,7 @@ def find_below(
     return root.joinpath(*nearest[0]) if len(nearest) == 1 else None
 
 
-@dataclass(frozen=True)
-class _Listing:
+class _Listing(NamedTuple):
     """Files by their names in lower case, and the folders with meshes at any depth, as the parts of their paths."""
 
     files: dict[str, list[tuple[str, ...]]]

@@ -63,6 +63,21 @@ def _is_number(word: bytes) -> bool:
     return True
 
 
+def line_widths(lines: Sequence[bytes]) -> NDArray[np.int64]:
+    """Count the words of lines, (N,)."""
+    return np.array([len(line.split()) for line in lines], np.int64)
+
+
+def read_columns(lines: Sequence[bytes], count: int) -> Array:
+    """Read the first numbers (N, count) of lines, NaN where a line has fewer."""
+    numbers, widths = read_numbers(b" ".join(lines)), line_widths(lines)
+    firsts, table = np.cumsum(widths) - widths, np.full((len(lines), count), np.nan)
+    for column in range(count):
+        has = widths > column
+        table[has, column] = numbers[(firsts + column)[has]]
+    return table
+
+
 def eight_bits(colors: NDArray[Any], *, fractions: bool) -> NDArray[np.uint8]:
     """Scale colours (N, 3 or 4) to (N, 4) uint8 by the range that they use: 0 to 1 (of fractions alone), 255, or 65535."""
     stored = np.clip(np.nan_to_num(np.asarray(colors, np.float64)), 0, 65535)

@@ -134,16 +134,16 @@ def _ask(reader: subprocess.Popen[bytes], file: Path, root: Path) -> Mesh | Exce
 
 def _failure(name: str, status: int) -> InvalidInput:
     """Explain why a file could not be read, from its reader's exit status."""
-    if status == errno.ENOMEM:
-        return InvalidInput(f"{name} needs more than {BYTES / 1e9:.1f} GB of memory to read; {REMEDY}")
-    if status == 128 + signal.SIGXCPU:
-        return InvalidInput(f"{name} takes more than {SECONDS} s of processor time to read; {REMEDY}")
-    if status == 128 + signal.SIGKILL:
-        reason = "was being read when the kernel ended its reader, as it does when memory is short"
-        return InvalidInput(f"{name} {reason}; {REMEDY}, or use fewer workers")
+    reasons = {
+        errno.ENOMEM: f"needs more than {BYTES / 1e9:.1f} GB of memory to read; {REMEDY}",
+        128 + signal.SIGXCPU: f"takes more than {SECONDS} s of processor time to read; {REMEDY}",
+        128 + signal.SIGKILL: "was being read when the kernel ended its reader, as it does when memory is short; "
+        f"{REMEDY}, or use fewer workers",
+    }
+    if status in reasons:
+        return InvalidInput(f"{name} {reasons[status]}")
     if status > 128:
-        name_of_signal = signal.Signals(status - 128).name
-        return InvalidInput(f"{name} ends the process that reads it ({name_of_signal}); write it with another program")
+        return InvalidInput(f"{name} ends the process that reads it ({signal.Signals(status - 128).name}); write it with another program")
     raise StageError(f"the process that reads mesh files ended with status {status}; what it printed says why")
 
 

@@ -10,7 +10,17 @@ from numpy.typing import NDArray
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import decode_text
 from pipeline.formats.mesh_companions import LIBRARY, Companions
-from pipeline.formats.mesh_parts import GREY, WHITE, build_part, cut_polygons, eight_bits, read_numbers, split_vertices
+from pipeline.formats.mesh_parts import (
+    GREY,
+    WHITE,
+    build_part,
+    cut_polygons,
+    eight_bits,
+    line_widths,
+    read_columns,
+    read_numbers,
+    split_vertices,
+)
 from pipeline.formats.obj_materials import Material, read_material
 from pipeline.formats.textures import Textures
 from pipeline.kernels.arrays import Array, Integers
@@ -47,11 +57,11 @@ def read_obj(file: Companions, textures: Textures) -> list[Mesh]:
         return []
     vertices, vertex_color = _vertices(positions)
     corners, numbers = _corners(b" ".join(polygons), len(coordinates))
-    sizes = np.array([len(polygon.split()) for polygon in polygons], np.int64)
+    sizes = line_widths(polygons)
     triangles, polygon = cut_polygons(corners, sizes, vertices, file.unread)
     material = np.array(used, np.int64)[polygon]
     vertex, number, faces = split_vertices(corners[triangles], numbers[triangles])
-    uv = np.concatenate([np.zeros((1, 2)), _columns(coordinates, 2)])[number]
+    uv = np.concatenate([np.zeros((1, 2)), read_columns(coordinates, 2)])[number]
     colors, images = list[NDArray[np.uint8]](), list[NDArray[np.uint8] | None]()
     for stated, definitions in zip(names, _find_materials(names, file), strict=True):
         color, image, clamped = np.array(GREY if vertex_color is None else WHITE, np.uint8), None, ""
@@ -103,25 +113,14 @@ def _corners(text: bytes, coordinates: int) -> tuple[Integers, Integers]:
 
 def _vertices(lines: Sequence[bytes]) -> tuple[Array, NDArray[np.uint8] | None]:
     """Read positions (V, 3) and the colours (V, 4) behind them, white where there are none."""
-    table = _columns(lines, 6)
-    if np.isnan(table[:, 2]).any() and any(len(line.split()) < 3 for line in lines):
+    table = read_columns(lines, 6)
+    if (line_widths(lines) < 3).any():
         raise InvalidInput("a vertex has fewer than three numbers; the file is damaged")
     if not (has := ~np.isnan(table[:, 5])).any():
         return table[:, :3], None
     colors = np.full((len(lines), 4), 255, np.uint8)
     colors[has] = eight_bits(table[has, 3:], fractions=True)
     return table[:, :3], colors
-
-
-def _columns(lines: Sequence[bytes], count: int) -> Array:
-    """Read the first numbers (N, count) of lines, NaN where a line has fewer."""
-    numbers = read_numbers(b" ".join(lines))
-    widths = np.array([len(line.split()) for line in lines], np.int64)
-    firsts, table = np.cumsum(widths) - widths, np.full((len(lines), count), np.nan)
-    for column in range(count):
-        has = widths > column
-        table[has, column] = numbers[(firsts + column)[has]]
-    return table
 
 
 def _find_materials(stated: Collection[str], file: Companions) -> list[list[Material]]:

@@ -1,7 +1,6 @@
 """PLY files: polygons and triangle strips, colours under their several names, and textures of one or more pages."""
 
 import re
-from collections.abc import Iterable
 from itertools import product
 from typing import Any
 
@@ -40,7 +39,11 @@ def read_ply(file: Companions, images: Textures) -> list[Mesh]:
     face = named.pop("face", Element("face", 0))
     corners, sizes, indices = _polygons(face)
     strips = np.concatenate([np.empty((0, 3), np.int64), *(_cut_strips(named.pop(name)) for name in list(named) if "strip" in name)])
-    _check_elements(named.values(), unread)
+    for element in named.values():
+        if element.length and any("vert" in name and not name.startswith("tex") for name in element.sizes):
+            raise InvalidInput(f"it has {element.name} with lists of vertices, which cannot be read; export it as triangles")
+        if element.length and element.name != "camera":
+            unread.append(f"elements of the PLY that are no faces are not read: {element.name} ({element.length})")
     triangles, polygon = cut_polygons(corners, sizes, vertices, unread)
     faces = np.concatenate([corners[triangles], strips])
     if not len(faces):
@@ -86,14 +89,6 @@ def _cut_strips(element: Element) -> NDArray[np.int64]:
     ends = np.union1d(np.flatnonzero(corners < 0), np.cumsum(sizes))
     strips = [strip[strip >= 0] for strip in np.split(corners, ends)]
     return np.concatenate([np.empty((0, 3), np.int64), *(strip[strip_corners(len(strip))] for strip in strips if len(strip) > 2)])
-
-
-def _check_elements(elements: Iterable[Element], unread: list[str]) -> None:
-    for element in elements:
-        if element.length and any("vert" in name and not name.startswith("tex") for name in element.sizes):
-            raise InvalidInput(f"it has {element.name} with lists of vertices, which cannot be read; export it as triangles")
-        if element.length and element.name != "camera":
-            unread.append(f"elements of the PLY that are no faces are not read: {element.name} ({element.length})")
 
 
 def _colors(element: Element, unread: list[str]) -> NDArray[np.uint8] | None:

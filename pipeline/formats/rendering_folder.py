@@ -40,11 +40,10 @@ def _read_metadata(path: Path) -> list[Viewpoint]:
     lines = [line for line in read_text(path, MAX_BYTES).split("\n") if line.strip()]
     if len(lines) != VIEWS:
         raise InvalidInput(f"{path} has {len(lines)} lines; there must be {VIEWS}, one per image")
-    return [_viewpoint(path, number, line) for number, line in enumerate(lines, start=1)]
+    return [_viewpoint(f"{path}, line {number}: {line.strip()[:80]!r}", line) for number, line in enumerate(lines, start=1)]
 
 
-def _viewpoint(path: Path, number: int, line: str) -> Viewpoint:
-    where = f"{path}, line {number}: {line.strip()[:80]!r}"
+def _viewpoint(where: str, line: str) -> Viewpoint:
     try:
         *where_from, _ = map(float, line.split())
         viewpoint = Viewpoint(*where_from)

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.errors import InvalidInput
@@ -18,35 +17,22 @@ from pipeline.kernels.touch.sensor import Sensor, resample
 
 def load_sensor(name: str | Path, *, shape: tuple[int, int] | None = None) -> Sensor:
     """Read a sensor by the name of a shipped one or by the path of its file, perhaps with other rows and columns (`resample`)."""
-    sensor = _read_sensor(name)
-    if shape is None:
-        return sensor
-    if np.shape(shape) != (2,):
+    if shape is not None and np.shape(shape) != (2,):
         raise InvalidInput(f"the shape of a sensor's image is (rows, cols); this is {shape!r}")
-    return resample(sensor, *shape)
-
-
-def _read_sensor(name: str | Path) -> Sensor:
     path = description_path("sensor", name)
     sensor = read_description("sensor", path, Sensor)
-    file = photograph_file(path, sensor)
-    if file is None:
-        return sensor
-    image = read_image(file)
-    if image.shape[:2] != sensor.shape:
-        raise InvalidInput(
-            f"{file} has {image.shape[0]} x {image.shape[1]} pixels, {path} says {sensor.rows} x {sensor.cols}; make them agree"
-        )
-    return sensor.model_copy(update={"photograph": _upright(file.read_bytes(), image)})
-
-
-def _upright(content: bytes, image: NDArray[np.uint8]) -> bytes:
-    """Return the bytes of a photograph, or of a PNG of its image if its EXIF data rotate it: kernels ignore EXIF data."""
-    if np.array_equal(np.asarray(Image.open(io.BytesIO(content)).convert("RGB")), image):
-        return content
-    with io.BytesIO() as file:
-        Image.fromarray(image).save(file, "PNG")
-        return file.getvalue()
+    if file := photograph_file(path, sensor):
+        image, content = read_image(file), file.read_bytes()
+        if image.shape[:2] != sensor.shape:
+            raise InvalidInput(
+                f"{file} has {image.shape[0]} x {image.shape[1]} pixels, {path} says {sensor.rows} x {sensor.cols}; make them agree"
+            )
+        if not np.array_equal(np.asarray(Image.open(io.BytesIO(content)).convert("RGB")), image):  # kernels ignore EXIF data
+            upright = io.BytesIO()
+            Image.fromarray(image).save(upright, "PNG")
+            content = upright.getvalue()
+        sensor = sensor.model_copy(update={"photograph": content})
+    return sensor if shape is None else resample(sensor, *shape)
 
 
 def photograph_file(path: Path, sensor: Sensor) -> Path | None:

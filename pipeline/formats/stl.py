@@ -1,13 +1,12 @@
-"""STL files, binary and text, with the colours of VisCAM and of Magics."""
+"""STL files, binary and text."""
 
 import re
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_companions import Companions
-from pipeline.formats.mesh_parts import GREY, MAX_FACES, build_part, check_count, read_numbers
+from pipeline.formats.mesh_parts import MAX_FACES, build_part, check_count, read_numbers
 from pipeline.formats.textures import Textures
 from pipeline.kernels.arrays import Floats
 from pipeline.kernels.geometry.mesh import Mesh
@@ -19,19 +18,21 @@ NAME = re.compile(rb"(?:^|[\r\n])[ \t]*(?:end[ \t]*)?solid\b(?:(?!\bfacet\b)[^\r
 VERTEX = re.compile(rb"\bvertex((?:\s+[-+.\d]\S*)*)", re.IGNORECASE)
 SOLID = re.compile(rb"\s*solid\b", re.IGNORECASE)
 """How text begins. A binary file may too, but has a zero byte in the number of its triangles."""
-MAGICS = re.compile(rb"COLOR=(.{3})(.)", re.DOTALL)
-"""The colour of the whole object in the title of a binary file that Magics writes, and its opacity."""
-MESHLAB = b"COLOR=\x7f\x7f\x7f MATERIAL="
-"""How the title begins that MeshLab writes for Magics: with a blank for the opacity, and bit 15 of attributes the other way round."""
+MESHLAB = b"COLOR=\x7f\x7f\x7f MATERIAL="  # how the title begins that MeshLab writes, also without colours
 
 
 def read_stl(file: Companions, _: Textures) -> list[Mesh]:
     """Read the triangles of an STL file."""
-    content, unread = file.content, file.unread
+    is_text = SOLID.match(file.content) and b"\0" not in file.content[:HEAD]
+    corners = _read_text(file.content) if is_text else _read_binary(file.content, file.unread)
+    vertices = corners.reshape(-1, 3).astype(np.float64)
+    return [build_part(vertices, np.arange(len(vertices)).reshape(-1, 3))]
+
+
+def _read_binary(content: bytes, unread: list[str]) -> Floats:
+    """Read the corners (T, 3, 3) of triangles."""
     count = int.from_bytes(content[80:HEAD], "little")
     whole = HEAD + count * TRIANGLE.itemsize
-    if SOLID.match(content) and b"\0" not in content[:HEAD]:
-        return _read_text(content)
     if len(content) < max(whole, HEAD):
         raise InvalidInput(
             f"it is no text, and as a binary STL it should have {max(whole, HEAD)} bytes for {count} triangles; it has {len(content)}; "
@@ -44,16 +45,14 @@ def read_stl(file: Companions, _: Textures) -> list[Mesh]:
             raise InvalidInput(f"its header says {count} triangles, and {triangles} more follow; write it again with another program")
         unread.append(f"{len(rest)} bytes after the last of {count} triangles are ignored")
     records = np.frombuffer(content, TRIANGLE, count, HEAD)
-    return _soup(records["corners"], _colors(content[:80], records["attribute"], unread))
+    words = records["attribute"]
+    if words.any() and not (content.startswith(MESHLAB) and (words == words[0]).all()):
+        unread.append("colours of the STL (attributes of its triangles) are not read; write it as PLY")
+    return np.asarray(records["corners"])
 
 
-def _soup(corners: Floats, colors: NDArray[np.uint8] | None = None) -> list[Mesh]:
-    """Build a mesh from the corners (T, 3, 3) of triangles and their colours (T, 4)."""
-    vertices = corners.reshape(-1, 3).astype(np.float64)
-    return [build_part(vertices, np.arange(len(vertices)).reshape(-1, 3), face_color=colors)]
-
-
-def _read_text(content: bytes) -> list[Mesh]:
+def _read_text(content: bytes) -> Floats:
+    """Read the corners (T, 3, 3) of triangles."""
     text = NAME.sub(b"", content)
     vertices = VERTEX.findall(text)
     check_count("vertices", len(vertices), 3 * MAX_FACES, "decimate the mesh")
@@ -64,27 +63,4 @@ def _read_text(content: bytes) -> list[Mesh]:
         )
     if not re.search(rb"\bend[ \t]*solid\b", content[-HEAD * TRIANGLE.itemsize :], re.IGNORECASE):
         raise InvalidInput(f"it ends after {loops} facets without the word endsolid; it is cut off")
-    return _soup(numbers.reshape(-1, 3, 3))
-
-
-def _colors(title: bytes, attribute: NDArray[np.uint16], unread: list[str]) -> NDArray[np.uint8] | None:
-    """Read the colours (T, 4) of triangles from their attributes; None where there are none.
-
-    VisCAM sets bit 15 where a triangle has a colour, with blue in the lowest five bits. Magics, whose title has a colour of the whole
-    object, sets bit 15 where it has none, with red in the lowest bits.
-    """
-    whole = MAGICS.search(title)
-    shifts = (0, 5, 10) if whole else (10, 5, 0)
-    colored = (attribute & 0x8000 == 0) == (whole is not None and not title.startswith(MESHLAB))
-    if not attribute.any():  # of Magics too: other programs keep its title and clear the attributes
-        colored[:] = False
-    elif not whole and not colored.any():
-        unread.append(f"attributes of {np.count_nonzero(attribute)} triangles are not read; they are no colours of VisCAM or Magics")
-    if not whole and not colored.any():
-        return None
-    if whole and not title.startswith(MESHLAB) and 0 < whole[2][0] < 255:
-        unread.append("the opacity of the STL is not read")
-    colors = np.full((len(attribute), 4), [*whole[1], 255] if whole else GREY, np.uint8)
-    levels = np.stack([(attribute >> shift) & 31 for shift in shifts], axis=1)
-    colors[colored, :3] = np.rint(levels[colored] * (255 / 31))
-    return colors
+    return numbers.reshape(-1, 3, 3)

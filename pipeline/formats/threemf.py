@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from pipeline.formats.mesh_parts import (
     split_vertices,
 )
 from pipeline.formats.textures import Textures
-from pipeline.formats.threemf_package import Element, Model, Package, parse_model
+from pipeline.formats.threemf_package import Model, Package, parse_model
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import compose
@@ -84,8 +85,8 @@ class _Builder:
     def build(self) -> Iterator[Mesh]:
         """Build the items of the main model."""
         main = self._part(self._package.main)
-        for number, item in enumerate(main.root.first("build").all("item"), 1):
-            if item.attributes.get("printable", "1") in ("0", "false"):
+        for number, item in enumerate(main.root.iterfind("build/item"), 1):
+            if item.get("printable", "1") in ("0", "false"):
                 self._unread.append(f"item {number} is skipped; it is marked as not printable")
             else:
                 yield from self._place(main, item, np.eye(4), 0)
@@ -95,13 +96,13 @@ class _Builder:
         if key not in self._parts:
             with self._package.open(name) as stream:
                 part = parse_model(name, stream)
-            for prefix in part.root.attributes.get("requiredextensions", "").split():
-                uri = part.namespaces.get(prefix, prefix)
+            for prefix in part.root.get("requiredextensions", "").split():
+                uri = part.root.get(prefix, prefix)  # of the declaration, `xmlns:PREFIX`
                 if not any(known in uri for known in EXTENSIONS):
                     raise InvalidInput(f"it requires {uri}, which cannot be read; export it without that extension")
-            self._unit = self._unit or part.unit or "millimeter"
-            if (part.unit or self._unit) != self._unit:
-                raise InvalidInput(f"its models are in {self._unit} and in {part.unit}; export it in one unit")
+            self._unit = self._unit or part.root.get("unit", "millimeter")
+            if (unit := part.root.get("unit", self._unit)) != self._unit:
+                raise InvalidInput(f"its models are in {self._unit} and in {unit}; export it in one unit")
             if part.painted:
                 self._unread.append("colours that a slicer painted on triangles are not read")
             self._parts[key] = part
@@ -112,22 +113,22 @@ class _Builder:
         self._instances += 1
         check_count("components", self._instances, MAX_INSTANCES, "merge its objects")
         check_count("levels of components", depth, MAX_DEPTH, "one may contain itself; merge its objects")
-        part = self._part(reference.attributes["path"]) if "path" in reference.attributes else part
-        number = reference.attributes["objectid"]
+        part = self._part(path) if (path := reference.get("path")) else part
+        number = reference.attrib["objectid"]
         if (thing := part.resources.get(number)) is None or thing.tag != "object":
             raise InvalidInput(f"it names object {number} of {part.name}, which is not there; export it again")
         pose = compose(pose, _transform(reference))
-        if (kind := thing.attributes.get("type", "model")) in NO_SHAPE:
+        if (kind := thing.get("type", "model")) in NO_SHAPE:
             self._unread.append(f"object {number} is skipped; it is {NO_SHAPE[kind]}")
             return
-        for setting in (setting for group in thing.children if group.tag in SETTINGS for setting in group.children):
-            name = setting.attributes.get("name", setting.attributes.get("key", "")).removeprefix("cura:")
-            if name in CURA_VOLUMES and setting.text.lower() == "true":
+        for setting in (setting for group in thing if group.tag in SETTINGS for setting in group):
+            name = setting.get("name", setting.get("key", "")).removeprefix("cura:")
+            if name in CURA_VOLUMES and (setting.text or "").strip().lower() == "true":
                 self._unread.append(f"object {number} is skipped; Cura marks it as {name}")
                 return
-        for child in thing.children:
+        for child in thing:
             if child.tag == "components":
-                for component in child.all("component"):
+                for component in child.findall("component"):
                     yield from self._place(part, component, pose, depth + 1)
             elif child.tag == "mesh":
                 yield from self._mesh(part, thing, child, pose)
@@ -135,13 +136,13 @@ class _Builder:
                 raise InvalidInput(f"object {number} is a {child.tag}, which cannot be read; export it as triangles")
 
     def _mesh(self, part: Model, thing: Element, mesh: Element, pose: Array) -> Iterator[Mesh]:
-        name = f"object {thing.attributes['id']} of {part.name}"
-        if other := {child.tag for child in mesh.children} - {"vertices", "triangles", "trianglesets", "metadatagroup"}:
+        name = f"object {thing.get('id')} of {part.name}"
+        if other := {child.tag for child in mesh} - {"vertices", "triangles", "trianglesets", "metadatagroup"}:
             raise InvalidInput(f"{name} has a {min(other)}, which cannot be read; export it as triangles")
-        if thing.attributes.get("meshresolution") == "lowres":
+        if thing.get("meshresolution") == "lowres":
             raise InvalidInput(f"{name} has its shape in slices beside a mesh of low resolution; export it as triangles")
-        vertices, triangles = mesh.first("vertices").table, mesh.first("triangles").table.astype(np.int64)
-        if "slicestackid" in thing.attributes and not len(triangles):
+        vertices, triangles = part.table(mesh, "vertices"), part.table(mesh, "triangles").astype(np.int64)
+        if "slicestackid" in thing.attrib and not len(triangles):
             raise InvalidInput(f"{name} has slices and no triangles; export it as triangles")
         if not len(triangles):
             return
@@ -180,22 +181,22 @@ class _Builder:
             if group.tag == "texture2dgroup":
                 textures.append(self._texture(part, group))
                 color, page = (GREY, -1) if textures[-1] is None else (WHITE, len(textures) - 1)
-                rows += [(color, (float(entry.attributes["u"]), float(entry.attributes["v"])), page) for entry in group.children]
+                rows += [(color, (float(entry.attrib["u"]), float(entry.attrib["v"])), page) for entry in group]
             else:
-                rows += [(_color(entry.attributes.get(COLORS.get(group.tag, ""), "")), *none[1:]) for entry in group.children]
+                rows += [(_color(entry.get(COLORS.get(group.tag, ""), "")), *none[1:]) for entry in group]
         colors, uv, pages = zip(*rows, (WHITE, *none[1:]), strict=True)
         table = _Properties(first, np.array(colors, np.uint8), np.array(uv, np.float64), np.array(pages, np.int64), textures)
         return self._properties.setdefault(part.name, table)
 
     def _texture(self, part: Model, group: Element) -> NDArray[np.uint8] | None:
-        texture = part.resources.get(group.attributes["texid"], group)
-        path = texture.attributes.get("path", "")
+        texture = part.resources.get(group.attrib["texid"], group)
+        path = texture.get("path", "")
         if path not in self._package:
             self._unread.append(f"{path} is missing in the 3MF")
             return None
         for axis in "uv":
-            outside = any(not 0 <= float(entry.attributes[axis]) <= 1 for entry in group.children)
-            if outside and (style := texture.attributes.get(f"tilestyle{axis}", "wrap")) != "wrap":
+            outside = any(not 0 <= float(entry.attrib[axis]) <= 1 for entry in group)
+            if outside and (style := texture.get(f"tilestyle{axis}", "wrap")) != "wrap":
                 self._unread.append(f"{path} is repeated where the file says {style}")
         with self._package.open(path) as stream:
             return self._textures.read(path, stream.read())
@@ -204,16 +205,16 @@ class _Builder:
 def _transform(reference: Element) -> Array:
     """Read the pose (4, 4) of an item or a component (3MF core, section 3.3: of rows, four by three)."""
     pose = np.eye(4)
-    if "transform" in reference.attributes:
-        pose[:3] = np.array(reference.attributes["transform"].split(), np.float64).reshape(4, 3).T
+    if transform := reference.get("transform"):
+        pose[:3] = np.array(transform.split(), np.float64).reshape(4, 3).T
     return pose
 
 
 def _entries(thing: Element, properties: NDArray[np.int64], table: _Properties) -> NDArray[np.int64]:
     """Find the entries (T, 3) of the corners of triangles from their group and numbers (T, 4), or those of their object."""
     group, numbers = properties[:, 0], properties[:, 1:]
-    own_group = int(thing.attributes.get("pid", -1))
-    whole = np.where(numbers[:, :1] < 0, int(thing.attributes.get("pindex", 0)), numbers[:, :1])
+    own_group = int(thing.get("pid", -1))
+    whole = np.where(numbers[:, :1] < 0, int(thing.get("pindex", 0)), numbers[:, :1])
     numbers = np.where(numbers < 0, whole, numbers)
     group = np.where(group < 0, own_group, group)
     names = np.array(sorted(table.first), np.int64)

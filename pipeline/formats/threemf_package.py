@@ -3,16 +3,18 @@
 import re
 import zipfile
 from array import array
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
-from typing import IO
+from typing import IO, Any
 from urllib.parse import unquote
-from xml.parsers import expat
+from xml.etree.ElementTree import Element, TreeBuilder
 
 import numpy as np
 
 from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import parse_xml
 from pipeline.formats.mesh_parts import MAX_FACES, check_count
 from pipeline.kernels.arrays import Array
 
@@ -25,54 +27,28 @@ MAIN = re.compile(rb"\sType\s*=\s*[\"'][^\"']*/3dmodel[\"']")
 """A relation to the main model (Open Packaging Conventions, section 6.5)."""
 PAINT = ("paint_color", "mmu_segmentation")
 """Attributes of triangles in which slicers store painted colours in a form of their own."""
-TEXTS = ("metadata", "setting")  # elements whose text is kept
 PROPERTIES = ("pid", "p1", "p2", "p3")
 
 
 @dataclass
-class Element:
-    """An element of XML without its namespaces; a mesh has its vertices and triangles as numbers."""
-
-    tag: str
-    attributes: dict[str, str]
-    children: list["Element"] = field(default_factory=list)
-    numbers: "array[float]" = field(default_factory=lambda: array("d"))
-    """Positions of `vertices`; of `triangles` three vertices, the group of their properties and three numbers in it, -1 for none."""
-
-    text: str = ""
-
-    def all(self, tag: str) -> Iterator["Element"]:
-        """List the children of a tag."""
-        return (child for child in self.children if child.tag == tag)
-
-    def first(self, tag: str) -> "Element":
-        """Return the first child of a tag, or an empty element."""
-        return next(self.all(tag), Element(tag, {}))
-
-    @cached_property
-    def table(self) -> Array:
-        """(N, 3) positions or (N, 7) triangles."""
-        return np.frombuffer(self.numbers).reshape(-1, 3 if self.tag == "vertices" else 7)
-
-
-@dataclass
 class Model:
-    """A model part: its root element, the namespaces of prefixes, and whether triangles have painted colours."""
+    """A model part: its root element, the numbers of its lists of vertices and triangles, and whether these have painted colours."""
 
     name: str
     root: Element
-    namespaces: dict[str, str]
-    painted: bool = False
-
-    @property
-    def unit(self) -> str:
-        """Its unit, "" where it states none."""
-        return self.root.attributes.get("unit", "")
+    numbers: Mapping[Element, "array[float]"]
+    painted: bool
 
     @cached_property
     def resources(self) -> dict[str, Element]:
         """Its objects and properties by their ids, which count within it alone."""
-        return {element.attributes.get("id", ""): element for element in self.root.first("resources").children}
+        return {element.get("id", ""): element for element in self.root.iterfind("resources/*")}
+
+    def table(self, mesh: Element, tag: str) -> Array:
+        """Return the `vertices` (N, 3) of a mesh, or its `triangles` (N, 7): vertices, the group of properties, and numbers in it."""
+        element = mesh.find(tag)
+        numbers = array("d") if element is None else self.numbers.get(element, array("d"))
+        return np.frombuffer(numbers).reshape(-1, 3 if tag == "vertices" else 7)
 
 
 class Package:
@@ -115,46 +91,44 @@ def _normal(name: str) -> str:
     return unquote(name).replace("\\", "/").lstrip("/").lower()
 
 
+class _ModelTree(TreeBuilder):
+    """Builds elements without prefixes; vertices and triangles become numbers, -1 for none, of the element that lists them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.numbers = defaultdict[Element, "array[float]"](lambda: array("d"))
+        self.painted = False
+        self._open: list[Element] = []
+        self._count = 0
+
+    def start(self, name: str, attributes: dict[str, str]) -> Any:
+        match name.rpartition(":")[2]:
+            case "vertex":
+                self.numbers[self._open[-1]].extend((float(attributes["x"]), float(attributes["y"]), float(attributes["z"])))
+            case "triangle":
+                numbers = self.numbers[self._open[-1]]
+                numbers.extend((int(attributes["v1"]), int(attributes["v2"]), int(attributes["v3"]), -1, -1, -1, -1))
+                if len(attributes) > 3:
+                    numbers[-4:] = array("d", [int(attributes.get(name, -1)) for name in PROPERTIES])
+                    self.painted |= any(name.endswith(PAINT) for name in attributes)
+                if len(numbers) > 7 * MAX_FACES:
+                    check_count("faces", len(numbers) // 7, MAX_FACES, "decimate the mesh")
+            case tag:
+                self._count += 1
+                check_count("elements of XML", self._count, MAX_ELEMENTS, "merge its objects")
+                self._open.append(super().start(tag, {name.rpartition(":")[2]: value for name, value in attributes.items()}))
+
+    def data(self, text: str) -> None:
+        if text.strip():
+            super().data(text)
+
+    def end(self, name: str) -> Any:
+        if (tag := name.rpartition(":")[2]) not in ("vertex", "triangle"):
+            self._open.pop()
+            super().end(tag)
+
+
 def parse_model(name: str, stream: IO[bytes]) -> Model:
-    """Parse a part in XML, without entities or other files (3MF core, section 2.3.1: no DTD)."""
-    root = Element("", {})
-    model, open_elements, count = Model(name, root, {}), [root], 0
-
-    def start(name: str, attributes: dict[str, str]) -> None:
-        nonlocal count
-        tag, parent = name.rpartition(" ")[2], open_elements[-1]
-        if tag == "triangle" and parent.tag == "triangles":
-            parent.numbers.extend((int(attributes["v1"]), int(attributes["v2"]), int(attributes["v3"]), -1, -1, -1, -1))
-            if len(attributes) > 3:
-                parent.numbers[-4:] = array("d", [int(attributes.get(name, -1)) for name in PROPERTIES])
-                model.painted |= any(name.endswith(PAINT) for name in attributes)
-            if len(parent.numbers) > 7 * MAX_FACES:
-                check_count("faces", len(parent.numbers) // 7, MAX_FACES, "decimate the mesh")
-        elif tag == "vertex" and parent.tag == "vertices":
-            parent.numbers.extend((float(attributes["x"]), float(attributes["y"]), float(attributes["z"])))
-        else:
-            parser.CharacterDataHandler = data if tag in TEXTS else None
-            count += 1
-            check_count("elements of XML", count, MAX_ELEMENTS, "merge its objects")
-            parent.children.append(Element(tag, {name.rpartition(" ")[2]: value for name, value in attributes.items()}))
-            open_elements.append(parent.children[-1])
-            return
-        open_elements.append(parent)
-
-    def data(text: str) -> None:
-        open_elements[-1].text += text.strip()
-
-    def end(_: str) -> None:
-        open_elements.pop()
-
-    def refuse_dtd(*_: object) -> None:
-        raise InvalidInput("its XML has a document type, which 3MF forbids; export it again")
-
-    parser = expat.ParserCreate(namespace_separator=" ")
-    parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = start, end, refuse_dtd
-    parser.StartNamespaceDeclHandler = lambda prefix, uri: model.namespaces.setdefault(prefix or "", uri or "")
-    parser.ParseFile(stream)
-    if not root.children:
-        raise InvalidInput("a part of it has no XML; it is cut off")
-    model.root = root.children[0]
-    return model
+    """Parse a model part."""
+    tree = _ModelTree()
+    return Model(name, parse_xml(stream, tree), tree.numbers, tree.painted)

@@ -30,16 +30,6 @@ MAX_BYTES, MAX_PARTS = 10 * 2**20, 1000  # limits of a URDF file: its size; its 
 UNMARKED = {b"<\0": "utf-16-le", b"\0<": "utf-16-be"}
 """Encodings by the first bytes of a file without a byte-order mark."""
 DECLARATION = re.compile(rb"<\?xml\s[^>]*?encoding\s*=\s*[\"']([A-Za-z0-9._:-]+)[\"'][^>]*>")
-OTHER_FORMATS = {
-    "mujoco": "MJCF, MuJoCo's format",
-    "mujocoinclude": "a part of an MJCF file, MuJoCo's format",
-    "sdf": "SDF, Gazebo's format",
-    "gazebo": "SDF, Gazebo's format",
-    "model": "the model.config of an SDF model",
-    "COLLADA": "COLLADA, a format of meshes",
-    "launch": "a launch file of ROS",
-}
-"""Formats by their root element."""
 
 
 def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
@@ -49,7 +39,10 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
     """
     robot = parse_urdf(path)
     try:
-        _check_unique(robot)
+        for kind in ("link", "joint"):  # hand files and physics name them
+            counts = Counter(element.get("name", "") for element in robot.findall(kind))
+            if twice := [name for name, count in counts.items() if name and count > 1]:
+                raise InvalidInput(f"it has {counts[twice[0]]} {kind}s called {twice[0]!r}; rename all but one")
         names, joints = _tree(robot, root)
         materials = _materials(robot)
         named = {_name(element): element for element in robot.findall("link")}
@@ -62,14 +55,6 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
         return links, tuple(_joint(joint, numbers) for joint in joints)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from error
-
-
-def _check_unique(robot: Element) -> None:
-    """Refuse two links or two joints of one name: hand files and physics name them."""
-    for kind in ("link", "joint"):
-        names = Counter(element.get("name", "") for element in robot.findall(kind))
-        if twice := [name for name, count in names.items() if name and count > 1]:
-            raise InvalidInput(f"it has {names[twice[0]]} {kind}s called {twice[0]!r}; rename all but one")
 
 
 def _materials(robot: Element) -> dict[str, Color]:
@@ -160,6 +145,12 @@ def _joint(element: Element, numbers: Mapping[str, int]) -> Joint:
     if not axis.any():
         raise InvalidInput(f"joint {name} has the axis 0 0 0; give a direction")
     limit, dynamics, (origin, rpy) = element.find("limit"), element.find("dynamics"), origin_of(element)
+    mimic = None
+    if (stated := element.find("mimic")) is not None and kind != "fixed":
+        mimic = Mimic(stated.get("joint", ""), _number(stated, "multiplier", 1.0), _number(stated, "offset"))
+        if mimic.multiplier == 0:
+            raise InvalidInput(f"joint {name} mimics {mimic.joint!r} with multiplier 0; make it fixed")
+        check_unit(f"joint {name} mimics {mimic.joint!r} with offset", (mimic.offset,), slides=kind == "prismatic")
     joint = Joint(
         name,
         kind,
@@ -169,12 +160,12 @@ def _joint(element: Element, numbers: Mapping[str, int]) -> Joint:
         axis / length(axis),
         lower=_number(limit, "lower"),
         upper=_number(limit, "upper"),
-        mimic=_mimic(element),
+        mimic=mimic,
         rpy=rpy,
         damping=_number(dynamics, "damping"),
         friction=_number(dynamics, "friction"),
     )
-    if kind in MOVING and element.find("mimic") is None:  # a follower's are its leader's
+    if kind in MOVING and stated is None:  # a follower's are its leader's
         lower, upper = joint.limits
         if not lower < upper:
             raise InvalidInput(f"joint {name} has limits {lower} … {upper}; the lower one must be the smaller")
@@ -191,17 +182,6 @@ def ignored_limits(hand: Hand) -> Iterator[str]:
                 f"joint {joint.name} is continuous, so its limits {joint.lower:g} … {joint.upper:g} do not count: it turns through "
                 "-3.14 … 3.14 rad; if they should count, make it revolute, with limits in radians"
             )
-
-
-def _mimic(joint: Element) -> Mimic | None:
-    mimic = joint.find("mimic")
-    if mimic is None or joint.get("type") == "fixed":
-        return None
-    multiplier, offset = _number(mimic, "multiplier", 1.0), _number(mimic, "offset")
-    if multiplier == 0:
-        raise InvalidInput(f"joint {_name(joint)} mimics {mimic.get('joint')!r} with multiplier 0; make it fixed")
-    check_unit(f"joint {_name(joint)} mimics {mimic.get('joint')!r} with offset", (offset,), slides=joint.get("type") == "prismatic")
-    return Mimic(mimic.get("joint", ""), multiplier, offset)
 
 
 def _name(element: Element) -> str:
@@ -240,8 +220,7 @@ def _decode(content: bytes) -> str:
 
 def _check_format(robot: Element) -> None:
     if robot.tag != "robot":
-        name = OTHER_FORMATS.get(robot.tag, f"a file whose root is <{robot.tag}>")
-        raise InvalidInput(f"it is {name}; a hand's `urdf` must be a URDF file, whose root is <robot>: name that, or convert this one")
+        raise InvalidInput(f"its root is <{robot.tag}>; a hand's `urdf` must be a URDF file, whose root is <robot>: convert it")
     if (parts := sum(element.tag in ("link", "joint", "visual", "collision") for element in robot.iter())) > MAX_PARTS:
         raise InvalidInput(f"it has {parts} links, joints and shapes, {MAX_PARTS} are the most")
     for element in robot.iter():

@@ -58,7 +58,7 @@ class TestObjects(ObjectRows):
 
     def surface(self, object_id: str) -> RowView:
         """Open an object's row of `surfaces`."""
-        return self._surfaces.view(object_id)
+        return self.directory.collection(SURFACES).view(object_id)
 
     def points(self, object_id: str) -> NDArray[np.float64]:
         """Read (count, 3) points of S^obj of an object, world frame, m: drawn independently, hence the first are a fair sample."""

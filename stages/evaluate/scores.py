@@ -62,8 +62,6 @@ class Score(Evaluate):
     """Measure reconstructors with the draws of `evaluate`, so that a network's own meshes get its own figures."""
 
     name = "score"
-    summary = "Reconstructions that no network of the data directory made: the tables of `evaluate`."
-    settings_type = GraspMeasuringSettings
 
     def __init__(
         self,
@@ -197,7 +195,7 @@ def shipped_digest() -> str:
 
 
 def fitting_rows(directory: DataDirectory) -> tuple[list[str], list[str]]:
-    """Choose the rows of `ROWS` whose inputs a dataset has; say why the others are skipped."""
+    """Choose the rows whose inputs a dataset has; say why the others are skipped."""
     model = load_reconstructor(DEFAULT, shipped_folder())
     reasons = _missing_inputs(directory, model)
     rows = []

@@ -64,19 +64,6 @@ def test_colours_in_comments_are_said(tmp_path: Path) -> None:
     assert parse_mesh(tmp_path / "a.obj", tmp_path).unread == ("colours of vertices in comments (#MRGB) are not read",)
 
 
-def test_vertex_0_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "a.obj").write_text(f"{CORNERS}f 1 2 3\nf 0 1 2\n")
-    with pytest.raises(InvalidInput, match="a face names vertex 0, the first one is 1"):
-        parse_mesh(tmp_path / "a.obj", tmp_path)
-
-
-@pytest.mark.parametrize("statement", ["cstype bezier\ndeg 1 1\nsurf 0 1 0 1 1 2 4 3\nend", "fo 1 2 3"])
-def test_surfaces_that_are_no_polygons_are_refused(tmp_path: Path, statement: str) -> None:
-    (tmp_path / "a.obj").write_text(f"{CORNERS}f 1 2 3\n{statement}\n")
-    with pytest.raises(InvalidInput, match=r"free-form or outdated surfaces \((surf|fo)\), which cannot be read"):
-        parse_mesh(tmp_path / "a.obj", tmp_path)
-
-
 def painted(folder: Path, mtl: str | bytes, *, uv: float = 0.5) -> Mesh:
     """Read a triangle with a material of a library, and texture coordinates that are all `uv`."""
     (folder / "a.obj").write_text(f"mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt {uv} {uv}\nusemtl a\nf 1/1 2/1 3/1\n")
@@ -196,9 +183,12 @@ def test_relative_numbers_count_from_their_place_in_the_file(tmp_path: Path) -> 
         ("f - / 2 3", "cannot be read as OBJ"),
         ("f 1 2 x", "it has 'x' where a number is expected"),
         ("v 1 2\nf 1 2 3", "a vertex has fewer than three numbers"),
+        ("f 1 2 3\nf 0 1 2", "a face names vertex 0, the first one is 1"),
+        ("cstype bezier\ndeg 1 1\nsurf 0 1 0 1 1 2 4 3\nend", r"free-form or outdated surfaces \(surf\), which cannot be read"),
+        ("fo 1 2 3", r"free-form or outdated surfaces \(fo\), which cannot be read"),
     ],
 )
-def test_damaged_lines_are_refused(tmp_path: Path, face: str, words: str) -> None:
+def test_lines_that_cannot_be_read_are_refused(tmp_path: Path, face: str, words: str) -> None:
     (tmp_path / "a.obj").write_text(f"{CORNERS}{face}\n")
     with pytest.raises(InvalidInput, match=words):
         parse_mesh(tmp_path / "a.obj", tmp_path)

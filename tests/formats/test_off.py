@@ -1,4 +1,4 @@
-"""OFF files: what may stand before, in and behind their lines, and their colours."""
+"""OFF files: what may stand before, in and behind their lines; colours are said."""
 
 from pathlib import Path
 
@@ -6,23 +6,15 @@ import pytest
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_file import parse_mesh
-from pipeline.formats.mesh_parts import GREY
 from pipeline.kernels.geometry.mesh import Mesh
 
 CORNERS = ("0 0 0", "1 0 0", "1 1 0", "0 1 0")
 FACES = ("3 0 1 2", "3 0 2 3")
-RED = [220, 20, 20, 255]
 
 
 def read(folder: Path, *lines: str, end: str = "\n") -> Mesh:
     (folder / "a.off").write_bytes("".join(line + end for line in lines).encode())
     return parse_mesh(folder / "a.off", folder)
-
-
-def colors(mesh: Mesh) -> list[list[int]]:
-    """Return the colour of each face, or that of each vertex where there are such."""
-    look = mesh.look
-    return (look.base_color[look.face_material] if look.vertex_color is None else look.vertex_color).tolist()
 
 
 @pytest.mark.parametrize(
@@ -37,46 +29,12 @@ def test_first_lines_of_every_form_are_read(tmp_path: Path, head: tuple[str, ...
 
 
 @pytest.mark.parametrize(
-    ("kind", "behind", "color"),
-    [
-        ("COFF", " 220 20 20 255", RED),
-        ("COFF", " 220 20 20", RED),
-        ("COFF", " 1 0 0.2 1", [255, 0, 51, 255]),
-        ("CNOFF", " 0 0 1 220 20 20", RED),
-        ("NCOFF", " 0 0 1 220 20 20 255", RED),
-        ("NCOFF", " 220 20 20 255 -1.5708 0 1", RED),  # as MeshLab writes it
-        ("NCOFF", " 220 20 20 0 0 1", RED),
-        ("STCNOFF", " 0 0 1 220 20 20 255 0.5 0.5", RED),
-    ],
-)
-def test_colours_of_vertices_are_read(tmp_path: Path, kind: str, behind: str, color: list[int]) -> None:
-    mesh = read(tmp_path, kind, "4 2 0", *(corner + behind for corner in CORNERS), *FACES)
-    assert colors(mesh) == [color] * 4
-    assert mesh.look.base_color.tolist() == [[255] * 4]
-
-
-@pytest.mark.parametrize(
-    ("behind", "expected"),
-    [
-        ((" 220 20 20", " 20 20 220"), [RED, [20, 20, 220, 255]]),
-        ((" 1.0 0 0.2", " 0 0 0"), [[255, 0, 51, 255], [0, 0, 0, 255]]),
-        ((" 220 20 20", ""), [RED, list(GREY)]),
-    ],
-)
-def test_colours_of_faces_are_read(tmp_path: Path, behind: tuple[str, str], expected: list[list[int]]) -> None:
-    mesh = read(tmp_path, "OFF", "4 2 0", *CORNERS, *(face + color for face, color in zip(FACES, behind, strict=True)))
-    assert colors(mesh) == expected
-    assert mesh.unread == ()
-
-
-@pytest.mark.parametrize(
     ("lines", "said"),
     [
-        (("OFF", "4 2 0", *CORNERS, "3 0 1 2 7", FACES[1]), "colours of faces are not read (1 of 2)"),
-        (("OFF", "4 2 0", *(corner + " 9 9 9" for corner in CORNERS), *FACES), "numbers at the end of each vertex are not read (3)"),
-        (("STOFF", "4 2 0", *(corner + " 0 1" for corner in CORNERS), *FACES), "texture coordinates of the OFF are not read"),
+        (("OFF", "4 2 0", *CORNERS, "3 0 1 2 7", FACES[1]), "colours of faces of the OFF are not read (1 of 2)"),
+        (("COFF", "4 2 0", *(corner + " 9 9 9" for corner in CORNERS), *FACES), "colours and texture coordinates of the vertices"),
+        (("NCOFF", "4 2 0", *(corner + " 0 0 1 9 9 9" for corner in CORNERS), *FACES), "colours and texture coordinates of the vertices"),
         (("OFF", "4 2 0", *CORNERS, *FACES, "0 1", "some text"), "2 lines after the last of 2 faces are ignored"),
-        (("COFF", "4 1 0", *(corner + " 9 9 9" for corner in CORNERS), FACES[0] + " 1 1 1"), "not read beside those of vertices"),
     ],
 )
 def test_what_is_not_read_is_said(tmp_path: Path, lines: tuple[str, ...], said: str) -> None:
@@ -90,7 +48,7 @@ def test_what_is_not_read_is_said(tmp_path: Path, lines: tuple[str, ...], said: 
         (("OFF", "4 2 0", *CORNERS, FACES[0]), "4 vertices and 2 faces take as many lines, and 5 follow; is it cut off"),
         (("OFF", "4 1 0", *CORNERS, "4 0 1 2"), "line of face 0 has fewer corners than it says"),
         (("OFF", "4 1 0", *CORNERS, "3 0 1 4"), "a face names a vertex outside 0..3"),
-        (("OFF", "4 1 0", *CORNERS[:3], "0 1", FACES[0]), "do not have equally many numbers"),
+        (("OFF", "4 1 0", *CORNERS[:3], "0 1", FACES[0]), "does not have 3 numbers"),
         (("OFF BINARY", "4 1 0"), "binary"),
         (("nOFF", "4", "4 1 0"), "OFF of many dimensions"),
         (("OFF",), "does not begin with OFF and the numbers"),
@@ -100,6 +58,10 @@ def test_what_is_not_read_is_said(tmp_path: Path, lines: tuple[str, ...], said: 
 def test_files_that_cannot_be_read_are_refused(tmp_path: Path, lines: tuple[str, ...], message: str) -> None:
     with pytest.raises(InvalidInput, match=message):
         read(tmp_path, *lines)
+
+
+def test_normals_are_no_loss(tmp_path: Path) -> None:
+    assert read(tmp_path, "NOFF", "4 2 0", *(corner + " 0 0 1" for corner in CORNERS), *FACES).unread == ()
 
 
 def test_fourth_coordinate_divides_the_others(tmp_path: Path) -> None:

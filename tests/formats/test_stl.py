@@ -1,4 +1,4 @@
-"""STL files: how long binary ones are, text, and the colours of VisCAM and of Magics."""
+"""STL files: how long binary ones are, text, and colours, which are said."""
 
 import struct
 from collections.abc import Sequence
@@ -11,11 +11,10 @@ import trimesh
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_file import parse_mesh
 from pipeline.formats.mesh_parts import GREY
+from pipeline.formats.stl import MESHLAB
 
 BOX = trimesh.creation.box((1, 2, 3))
 TEXT = BOX.export(file_type="stl_ascii")
-RED = (27 << 10) | (2 << 5) | 2
-"""A red with 222 of 255, in the order of VisCAM."""
 
 
 def binary(title: bytes = b"made by CAD", attributes: Sequence[int] = (0,) * 12, count: int = 12) -> bytes:
@@ -68,33 +67,16 @@ def test_text_with_one_or_more_solids_is_read(tmp_path: Path, text: str, solids:
     assert unread == ()
 
 
-SOME = [0x8000 | RED, 0] * 6
-MAGICS = b"COLOR=\x14\x15\xdc\xff,MATERIAL=" + bytes(12)
-MESHLAB = b"COLOR=\x7f\x7f\x7f MATERIAL=\x7f\x7f\x7f \x7f\x7f\x7f \x7f\x7f\x7f "
-
-
 @pytest.mark.parametrize(
-    ("title", "attributes", "first", "second"),
+    ("title", "words", "said"),
     [
-        (b"", SOME, (222, 16, 16, 255), GREY),  # VisCAM: bit 15 says that there is a colour
-        (MAGICS, [(2 << 10) | (2 << 5) | 27, 0x8000] * 6, (222, 16, 16, 255), (20, 21, 220, 255)),  # Magics: that there is none
-        (MAGICS, [0] * 12, (20, 21, 220, 255), (20, 21, 220, 255)),  # attributes cleared by another program
-        (MESHLAB, [0x8000 | (2 << 10) | (2 << 5) | 27, 0x8000] * 6, (222, 16, 16, 255), (0, 0, 0, 255)),
-        (b"", [0x8000] * 12, (0, 0, 0, 255), (0, 0, 0, 255)),
+        (b"", [0x8000 | 27 << 10, 0] * 6, True),
+        (b"", [0x8000] * 12, True),
+        (MESHLAB, [0x8000] * 12, False),
+        (MESHLAB, [0x8000, 0] * 6, True),
     ],
 )
-def test_colours_of_viscam_and_magics_are_read(
-    tmp_path: Path, title: bytes, attributes: list[int], first: tuple[int, ...], second: tuple[int, ...]
-) -> None:
-    _, colors, unread = read(tmp_path, binary(title, attributes))
-    assert colors.tolist() == [list(first), list(second)] * 6
-    assert unread == ()
-
-
-def test_attributes_that_are_no_colours_are_said(tmp_path: Path) -> None:
-    _, colors, unread = read(tmp_path, binary(b"", [0, 5] * 6))
+def test_colours_are_said(tmp_path: Path, title: bytes, words: list[int], said: bool) -> None:
+    _, colors, unread = read(tmp_path, binary(title, words))
     assert (colors == GREY).all()
-    assert unread == ("attributes of 6 triangles are not read; they are no colours of VisCAM or Magics",)
-    _, colors, unread = read(tmp_path, binary(b"COLOR=\x14\x15\xdc\x40", [0x8000] * 12))
-    assert colors.tolist() == [[20, 21, 220, 255]] * 12
-    assert unread == ("the opacity of the STL is not read",)
+    assert unread == (("colours of the STL (attributes of its triangles) are not read; write it as PLY",) if said else ())

@@ -181,7 +181,7 @@ def test_extensions_and_units_that_cannot_be_read_are_refused(tmp_path: Path) ->
     ("parts", "message"),
     [
         ({"a.txt": "a"}, r"it has no part that ends with \.model"),
-        ({MAIN: f"<!DOCTYPE model>{model(solid())}"}, "has a document type, which 3MF forbids"),
+        ({MAIN: f"<!DOCTYPE model>{model(solid())}"}, "declares a document type or entities"),
         (
             {MAIN: model(solid()), "Metadata/Slic3r_PE_model.config": '<metadata key="volume_type" value="NegativeVolume"/>'},
             "volumes that modify others",

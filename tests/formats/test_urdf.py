@@ -50,11 +50,8 @@ def test_encoding_is_that_of_the_mark_or_the_declaration(tmp_path: Path, content
         (declared("klingon").encode(), "it is not text in klingon (unknown encoding: klingon); save it as UTF-8"),
         (b"", "it is an empty file"),
         (b"<robot", "it is not XML (unclosed token: line 1, column 0); a hand's `urdf` must be a URDF file"),
-        (b'<mujoco><include file="a.xml"/></mujoco>', "it is MJCF, MuJoCo's format; a hand's `urdf` must be a URDF file"),
-        (b'<sdf version="1.7"><world name="w"/></sdf>', "it is SDF, Gazebo's format"),
-        (b'<?xml version="1.0"?><model><sdf>model.sdf</sdf></model>', "it is the model.config of an SDF model"),
+        (b'<mujoco><include file="a.xml"/></mujoco>', "its root is <mujoco>; a hand's `urdf` must be a URDF file, whose root is <robot>"),
         (b"<!DOCTYPE html>\n<html><body/></html>", "it is a web page (HTML); download the file itself"),
-        (b"<scene/>", "it is a file whose root is <scene>; a hand's `urdf` must be a URDF file, whose root is <robot>"),
         (
             b'<robot name="r"><link name="${side}_palm"/></robot>',
             'it is xacro, from which a URDF is made: it has <link name="${side}_palm">; run xacro first, `xacro IN > OUT.urdf`',

@@ -1,6 +1,5 @@
 """The graph network's training: what it reads, that it learns, and that it is resumed to the bit."""
 
-import multiprocessing
 import shutil
 from pathlib import Path
 
@@ -115,43 +114,31 @@ def test_configuration_without_input_trains_without_images_and_touches(data):
         run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=touch", *SMALL)
 
 
-def die_midway(data: Path) -> None:
-    """Train with checkpoints at every step, and be killed in the second epoch."""
-    import os
-    import signal
-
-    learned = GcnLearner.loss
-    steps = iter(range(100))
+def test_training_stopped_in_mid_epoch_gives_the_same_weights_and_another_seed_others(data, tmp_path, monkeypatch):
+    assignments = ("train-gcn.configuration=none", "train-gcn.batch_size=2", *SMALL)
+    stopped = tmp_path / "stopped"
+    shutil.copytree(data, stopped, ignore=shutil.ignore_patterns("models"))
+    learned, steps = GcnLearner.loss, iter(range(100))
 
     def loss(self: GcnLearner, network: torch.nn.Module, batch: Batch) -> torch.Tensor:
         if next(steps) == 3:
-            os.kill(os.getpid(), signal.SIGKILL)
+            raise KeyboardInterrupt
         return learned(self, network, batch)
 
-    GcnLearner.loss = loss  # type: ignore[method-assign]
-    run_stage(
-        data, "train-gcn", OBJECTS, "train-gcn.configuration=none", "train-gcn.checkpoint_seconds=0", "train-gcn.batch_size=2", *SMALL
-    )
-
-
-def test_training_killed_in_mid_epoch_gives_the_same_weights_and_another_seed_others(data, tmp_path):
-    assignments = ("train-gcn.configuration=none", "train-gcn.batch_size=2", *SMALL)
-    killed = tmp_path / "killed"
-    shutil.copytree(data, killed, ignore=shutil.ignore_patterns("models"))
-    process = multiprocessing.get_context("spawn").Process(target=die_midway, args=(killed,))
-    process.start()
-    process.join()
-    assert process.exitcode == -9
-    assert not list((killed / "models").glob("**/*.json"))
+    with monkeypatch.context() as patch:
+        patch.setattr(GcnLearner, "loss", loss)
+        with pytest.raises(KeyboardInterrupt):
+            run_stage(stopped, "train-gcn", OBJECTS, "train-gcn.checkpoint_seconds=0", *assignments)
+    assert not list((stopped / "models").glob("**/*.json"))
     weights = {}
-    for name, where, seed in (("killed", killed, 0), ("whole", tmp_path / "whole", 0), ("other", tmp_path / "other", 1)):
+    for name, where, seed in (("stopped", stopped, 0), ("whole", tmp_path / "whole", 0), ("other", tmp_path / "other", 1)):
         if not where.exists():
             shutil.copytree(data, where, ignore=shutil.ignore_patterns("models"))
         folder = run_stage(where, "train-gcn", OBJECTS, *assignments, seed=seed)
         assert folder is not None
         weights[name] = (folder / "model.safetensors").read_bytes()
         assert len(read_metrics(folder)) == 2
-    assert weights["killed"] == weights["whole"] != weights["other"]
+    assert weights["stopped"] == weights["whole"] != weights["other"]
 
 
 def test_items_begin_with_each_grasp_in_turn_and_never_repeat_a_grasp(data):

@@ -27,6 +27,8 @@ from tests.stages import ball_dataset
 def original(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("balls")
     ball_dataset.make_data(folder, 1)
+    for name in ("grasps", "vision", "touch", "distances", "charts"):
+        shutil.rmtree(folder / name)
     ball_dataset.make_model(folder, "touch")
     return folder
 

@@ -58,7 +58,7 @@ def test_time_that_is_too_short_for_any_candidate_is_refused(tmp_path: Path) -> 
 def test_another_sample_may_share_no_object_with_the_first(tmp_path: Path) -> None:
     items = load_manifest("toy").objects(None)
     for objects in (items[:2], items[2:4]):
-        sample = setup(tmp_path, objects=objects, assignments=(FAST, "simulate-grasps.attempts=10"))
+        sample = setup(tmp_path, objects=objects, assignments=(FAST, "simulate-grasps.attempts=5"))
         measure_trade("simulate-grasps", sample, limit=1e9, deadline=0, console=console)
     (inputs,) = (tmp_path / FOLDER).glob("inputs-*")
     assert list(DataDirectory(inputs).collection(SURFACES)) == sorted(item.object_id for item in items[2:4])
@@ -75,13 +75,6 @@ def test_more_points_take_more_bytes_and_cover_better(measured_data: Path) -> No
         assert values == sorted(values, reverse=value == "error")
     coarse, fine = points[0].error, points[3].error
     assert coarse / fine == pytest.approx(np.sqrt(8), rel=0.15)  # the distance to the nearest of n points falls as 1/√n
-
-
-def test_errors_of_other_objects_keep_to_the_bounds(measured_data: Path, tmp_path: Path) -> None:
-    known, other = measure(setup(measured_data)), measure(setup(tmp_path, seed=5))
-    assert set(known.objects) != set(other.objects)
-    for one, met in zip(known.points, other.points, strict=True):
-        assert met.error <= one.bound(len(other.objects))
 
 
 def test_repeated_measurement_runs_no_stage(measured_data: Path) -> None:

@@ -24,10 +24,10 @@ def validated(learner: Regression) -> float:
         return learner.validate(learner.network)["loss"]
 
 
-LATER = [pytest.param(3, "32-true", marks=pytest.mark.slow), pytest.param(20, "32-true", marks=pytest.mark.slow)]
+OTHERS = [pytest.param(step, "32-true", marks=pytest.mark.slow) for step in (0, 3, 20)]
 
 
-@pytest.mark.parametrize(("kill_at", "precision"), [(0, "32-true"), (7, "64-true"), *LATER])
+@pytest.mark.parametrize(("kill_at", "precision"), [(7, "64-true"), *OTHERS])
 def test_resumed_training_gives_the_weights_of_an_uninterrupted_one(tmp_path, kill_at, precision):
     undisturbed = run(tmp_path / "whole", precision=precision)
     process = multiprocessing.get_context("spawn").Process(target=run, args=(tmp_path / "killed", 0, kill_at, precision))

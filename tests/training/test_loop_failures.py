@@ -119,11 +119,8 @@ def test_finite_loss_after_an_epoch_of_zero_loss_is_accepted(tmp_path: Path) -> 
     assert [row["train_loss"] for row in read_metrics(tmp_path)] == [0, 0.5]
 
 
-@pytest.mark.parametrize(
-    "error",
-    [StageError("of\n\ntwo lines"), pytest.param(OSError(28, "No space left on device"), marks=pytest.mark.slow)],
-    ids=["ours", "full"],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("error", [StageError("of\n\ntwo lines"), OSError(28, "No space left on device")], ids=["ours", "full"])
 def test_error_message_of_one_of_several_processes_is_reported_completely(tmp_path: Path, error: Exception) -> None:
     with pytest.raises(type(error)) as raised:
         fit(Raising(error), tmp_path, devices=2)

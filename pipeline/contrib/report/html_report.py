@@ -110,7 +110,7 @@ def write_report(data: Location, console: Console, max_objects: int = 10) -> Loc
 def _write_objects(source: ReportSource, folder: Path, console: Console, previous: Pages, changed: Container[str]) -> dict[str, ObjectCard]:
     """Write the pages of objects that changed since the last report, or whose report files changed; return the cards of all objects."""
     template = _environment().get_template("object.html.j2")
-    common = {"up": "../", "current": "", "name": source.name, "pages": PAGES}
+    common: dict[str, Any] = {"up": "../", "current": "", "name": source.name, "pages": PAGES}
     shared_hashes = [sources_hash(__name__), *(hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted(ASSETS.iterdir()))]
     evaluated = [source.directory.folder(name).files for name in source.measured]
     ids, cards = source.object_ids, {}
@@ -120,7 +120,7 @@ def _write_objects(source: ReportSource, folder: Path, console: Console, previou
             split = source.collections["surfaces"].row(object_id).split  # which no digest contains
             key = digest.of_json([shared_hashes, evaluated, source.digests(object_id), split, before, after, common["name"]])
             if (card := previous.objects.get(object_id)) is None or not card.is_up_to_date(key, changed):
-                card = ObjectCard(key=key, **pages.write(object_id, before, after, common))
+                card = pages.write(object_id, key, common | {"before": before, "after": after})
             cards[object_id] = card
             meter.advance()
     return cards

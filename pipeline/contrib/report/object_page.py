@@ -21,6 +21,7 @@ from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.drawing.grasp_pictures import Rows, camera_images, grasp_note, size_note, touches_of
 from pipeline.drawing.grasp_scene import GraspScenes
 from pipeline.drawing.views import fitted_camera, render_mesh
+from pipeline.drawing.written_files import ObjectCard
 from pipeline.kernels.touch.depth_maps import pressed_pixels
 from stages.render_vision.renderer import Renderer
 
@@ -28,8 +29,6 @@ THUMBNAIL = 150
 """Pixels per side of a picture in the gallery."""
 MAX_COLUMNS = 10
 """Most columns of a grasp's pictures; more continue in further rows of equal length. A camera image takes two."""
-ENDINGS = (".html", ".webp", ".mesh.js", ".predictions.js")
-"""Endings of an object's files; the last needs an evaluation."""
 PARTS = {
     "object": "object",
     "hand": "hand",
@@ -55,15 +54,19 @@ class ObjectPages:
     def _renderer(self) -> Renderer:
         return self._opened.enter_context(Renderer(self.scene, 2 * THUMBNAIL))
 
-    def write(self, object_id: str, before: str | None, after: str | None, common: Mapping[str, Any]) -> dict[str, Any]:
-        """Write an object's page, with links to the pages before and after it, and its files; return its `ObjectCard`, without the key."""
+    def write(self, object_id: str, key: str, common: Mapping[str, Any]) -> ObjectCard:
+        """Write an object's page and its files under a key; `common` has the objects before and after it, and what all pages show."""
         rows, evaluation = self.source.rows(object_id), self.source.evaluation
-        (self.folder / f"{object_id}.webp").write_bytes(_webp(self._thumbnail(rows)))
-        self._write_mesh(f"{object_id}.mesh.js", self.scenes.scene(rows))
+        mesh = read_mesh(rows["surfaces"])
+        camera = fitted_camera(self.scene.square_camera(2 * THUMBNAIL), mesh.vertices)
+        files = {
+            ".webp": _webp(render_mesh(self._renderer, mesh, camera)),
+            ".mesh.js": self._packed(object_id, "mesh", self.scenes.scene(rows)),
+        }
         predictions = evaluation.predictions(object_id) if evaluation else []
         if evaluation and predictions:
             surfaces = {prediction.name: evaluation.surface(object_id, prediction) for prediction in predictions}
-            self._write_mesh(f"{object_id}.predictions.js", self.scenes.predictions(surfaces))
+            files[".predictions.js"] = self._packed(object_id, "predictions", self.scenes.predictions(surfaces))
         surface, areas = self.source.collections["surfaces"].row(object_id), self._contact_areas(rows)
         page = self.template.render(
             id=object_id,
@@ -75,24 +78,24 @@ class ObjectPages:
             predictions=predictions,
             best=best(predictions) if predictions else None,
             errors=errors_table(predictions) if predictions else None,
-            before=before,
-            after=after,
             **common,
         )
-        (self.folder / f"{object_id}.html").write_text(page, encoding="utf-8")
+        files[".html"] = page.encode()
+        for ending, content in files.items():
+            (self.folder / f"{object_id}{ending}").write_bytes(content)
         touched = rows["grasps"]["touch_success"]
-        files = [path for ending in ENDINGS if (path := self.folder / f"{object_id}{ending}").exists()]
-        return {
-            "category": surface.category,
-            "split": surface.split,
-            "touches": int(touched.sum()),
-            "areas": areas[touched].round(10).tolist(),
-            "files": {f"{self.folder.name}/{path.name}": hashlib.sha256(path.read_bytes()).hexdigest() for path in files},
-        }
+        return ObjectCard(
+            key=key,
+            category=surface.category,
+            split=surface.split,
+            touches=int(touched.sum()),
+            areas=tuple(areas[touched].round(10).tolist()),
+            files={f"{self.folder.name}/{object_id}{ending}": hashlib.sha256(content).hexdigest() for ending, content in files.items()},
+        )
 
-    def _write_mesh(self, name: str, scene: Any) -> None:
+    def _packed(self, object_id: str, what: str, scene: Any) -> bytes:
         packed = base64.b64encode(gzip.compress(self.scenes.glb(scene), 6, mtime=0)).decode()
-        (self.folder / name).write_text(f'vtMesh("{name}", "{packed}");\n')
+        return f'vtMesh("{object_id}.{what}.js", "{packed}");\n'.encode()
 
     def _grasp(
         self,
@@ -121,11 +124,6 @@ class ObjectPages:
             "columns": columns(2 * len(images) + len(touches)),
         }
 
-    def _thumbnail(self, rows: Rows) -> NDArray[np.uint8]:
-        """Render the object, (R, R, 3), from the position of the dataset's camera."""
-        mesh = read_mesh(rows["surfaces"])
-        return render_mesh(self._renderer, mesh, fitted_camera(self.scene.square_camera(2 * THUMBNAIL), mesh.vertices))
-
     def _contact_areas(self, rows: Rows) -> NDArray[np.float64]:  # (grasp, sensor) m²
         """Read or compute the area of the pixels that the surface presses on."""
         if "contact_area" in list(rows["grasps"]):
@@ -146,6 +144,5 @@ def _webp(image: NDArray[np.uint8]) -> bytes:
     return buffer.getvalue()
 
 
-def _inline(image: NDArray[np.uint8]) -> str:
-    """Write an image as a data URI, so that a page is one file."""
+def _inline(image: NDArray[np.uint8]) -> str:  # a data URI, so that a page is one file
     return f"data:image/webp;base64,{base64.b64encode(_webp(image)).decode()}"

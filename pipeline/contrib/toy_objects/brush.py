@@ -1,4 +1,4 @@
-"""Models of brushs."""
+"""Models of brushes."""
 
 import numpy as np
 

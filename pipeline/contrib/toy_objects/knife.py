@@ -1,4 +1,4 @@
-"""Models of knifes."""
+"""Models of knives."""
 
 from collections.abc import Sequence
 

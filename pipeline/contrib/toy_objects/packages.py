@@ -9,6 +9,7 @@ from pipeline.contrib.toy_objects.pictures import label
 from pipeline.contrib.toy_objects.solids import Array, Rows, Solid, ball, block, bow, box, column, lathe, rod, sweep, vessel
 
 CARDBOARD: Palette = ((176, 136, 92), (198, 160, 112), (226, 222, 210), *PLASTICS)
+TINS: Palette = (*STEELS, GOLD, (228, 226, 218))
 
 
 class Box(Model):
@@ -145,9 +146,6 @@ class Box(Model):
         self.add(self.pick(*STEELS), *(rod(z - 1, z + self.uniform(4, 11), 8, "z").moved(at * x) for at in (-0.38, 0.3, 0.42)))
 
     kinds = (carton, milk, shoe_box, toolbox, matches, book, brick, present, tissues, crate, camera)
-
-
-TINS = (*STEELS, GOLD, (228, 226, 218))
 
 
 class Can(Model):

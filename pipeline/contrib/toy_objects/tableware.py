@@ -7,6 +7,8 @@ import numpy as np
 from pipeline.contrib.toy_objects.model import BLACK, GLAZES, GOLD, PLASTICS, STEELS, WHITE, WOODS, Model, Stretch
 from pipeline.contrib.toy_objects.solids import Material, Rows, Solid, ball, bar, bow, column, lathe, rod, sweep, vessel
 
+Bands = Sequence[tuple[float, float, Material]]
+
 
 class Bowl(Model):
     """Bowls (cereal, soup, mixing, footed, for pets), plates, cake moulds, mortars, pans and baskets. Millimetres, standing on z = 0."""
@@ -108,9 +110,6 @@ class Bowl(Model):
             self.add((*WOODS, *PLASTICS), arch)
 
     kinds = (cereal, soup, mixing, fluted, footed, pet, plate, mortar, pan, basket)
-
-
-Bands = Sequence[tuple[float, float, Material]]
 
 
 class Mug(Model):

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh, without_slivers
-from pipeline.kernels.geometry.signed_distance import signed_distances
 from pipeline.kernels.hand.model import Hand, Link, Shape
 from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.sensor import Sensor
@@ -113,6 +112,8 @@ def _nearest(points: Array, mesh: Mesh) -> tuple[Array, NDArray[np.int64]]:
 def convex_error(link: Link, convex: Link) -> ConvexError:
     """Measure the differences between a link's meshes as read, one at least, and the shapes of `with_convex_shapes`."""
     from trimesh.remesh import subdivide_to_size  # takes half a second
+
+    from pipeline.kernels.geometry.signed_distance import signed_distances  # imports trimesh, too
 
     meshes, hulls = ([shape.mesh for shape in shapes if shape.kind == "mesh"] for shapes in (link.collisions, convex.collisions))
     corners = np.concatenate([mesh.vertices[np.unique(mesh.faces)] for mesh in meshes])
