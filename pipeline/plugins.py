@@ -38,15 +38,20 @@ def load(entry: EntryPoint, error_type: type[PipelineError]) -> Any:
         ) from error
 
 
+def find(group: str, name: str) -> Any:
+    """Import what a package declares under a name in `vt_pipeline.GROUP`."""
+    entries, kind = {entry.name: entry for entry in declared(group)}, group.removesuffix("s")
+    if name not in entries:
+        raise InvalidInput(f"{unknown_name(kind, name, entries)}; install the package that brings it")
+    check_unique(kind, name, [package_of(entry) for entry in declared(group) if entry.name == name])
+    return load(entries[name], InvalidInput)
+
+
 def named(group: str, name: str, kind: type) -> Any:
     """Import the subclass of `kind` that a package declares under a name in `vt_pipeline.GROUP`."""
-    entries = {entry.name: entry for entry in declared(group)}
-    if name not in entries:
-        raise InvalidInput(f"{unknown_name(group.removesuffix('s'), name, entries)}; install the package that brings it")
-    check_unique(group.removesuffix("s"), name, [package_of(entry) for entry in declared(group) if entry.name == name])
-    loaded = load(entries[name], InvalidInput)
+    loaded = find(group, name)
     if not (isinstance(loaded, type) and issubclass(loaded, kind)):
-        raise InvalidInput(f"{entries[name].value} of package {package_of(entries[name])} is no {kind.__name__}")
+        raise InvalidInput(f"{group.removesuffix('s')} {name} is no {kind.__name__}, but {loaded!r}; uninstall the package that brings it")
     return loaded
 
 

@@ -1,6 +1,5 @@
 """`simulate-presses`: the images of random shapes, and of patches of each object, that are pressed into a gel without a hand."""
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,10 +12,9 @@ from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor, sensor_files
-from pipeline.kernels.touch.depth_maps import quantise_depth
-from pipeline.kernels.touch.elastic_contact import contact_cells
+from pipeline.kernels.touch.depth_maps import normal_force, press_gel, quantise_depth, scaled_gel
+from pipeline.kernels.touch.elastic_contact import check_layer
 from pipeline.kernels.touch.press_shapes import SHAPES, Press, PressRanges, random_patch, random_press
-from pipeline.kernels.touch.pressed_gel import normal_force, press_gel, scaled_gel
 from pipeline.kernels.touch.ray_depth import box_faces
 from pipeline.kernels.touch.sensor import MAX_PIXELS_PER_SIDE, Sensor, resample_longer_side
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
@@ -101,12 +99,7 @@ class SimulatePresses(ObjectStage):
         if settings.gel is not None and sensor.gel is None and sensor.membrane == 0:
             raise InvalidInput(f"gel is {list(settings.gel)}, but {sensor.name} has neither membrane nor gel to scale; unset gel")
         if settings.gel is not None and sensor.gel is not None:
-            thinnest, cell = settings.gel[0] * sensor.layer_thickness, max(contact_cells(sensor)[1])
-            if thinnest < cell:
-                raise InvalidInput(
-                    f"gel begins at {settings.gel[0]}: the elastic gel of {sensor.name} would be {thinnest:.3g} m thick, its contact is "
-                    f"solved on cells of {cell:.3g} m; begin gel at {math.ceil(100 * cell / sensor.layer_thickness) / 100:g}"
-                )
+            check_layer(scaled_gel(sensor, settings.gel[0]))
 
     def constants(self, settings: PressSettings) -> Row:
         """Render the sensor with nothing in its gel."""

@@ -35,10 +35,9 @@ from pipeline.formats.sensor_file import load_sensor  # noqa: E402
 from pipeline.kernels.touch.sensor import Sensor  # noqa: E402
 from pipeline.reconstruct.observation_file import RobotObservation  # noqa: E402
 from vt_pipeline.grasping import Grasps, grasp  # noqa: E402
-from vt_pipeline.making import make  # noqa: E402
+from vt_pipeline.making import load_observation, make, reconstruct  # noqa: E402
 from vt_pipeline.objects import TouchObject, load_object  # noqa: E402
 from vt_pipeline.pressing import image, press, untouched_image  # noqa: E402
-from vt_pipeline.reconstructing import load_observation, reconstruct  # noqa: E402
 from vt_pipeline.touching import Touch, Touches, touch, touch_many  # noqa: E402
 
 __all__ = [

@@ -118,16 +118,7 @@ def grasp(
     with SimulateGrasps().session(grasp_settings, {}) as process:
         row = process(unit, cast(Inputs, {"surfaces": surface}))
     described = load_hand(hand)
-    return Grasps(
-        fingers=tuple(mount.name for mount in described.sensors),
-        sensors=load_worn_sensors(sensor_names(described, grasp_settings.sensor)),
-        hand_pose=row["hand_pose"],
-        joint_angles=row["joint_angles"],
-        sensor_pose=row["sensor_pose"],
-        touched=row["touch_success"],
-        penetration=row["penetration"],
-        pregrasp_angles=row["pregrasp_angles"],
-        squeeze_angles=row["squeeze_angles"],
-        held=row.get("held"),
-        held_directions=row.get("held_directions"),
-    )
+    facts = ("hand_pose", "joint_angles", "sensor_pose", "penetration", "pregrasp_angles", "squeeze_angles", "held", "held_directions")
+    arrays: dict[str, Any] = {name: row.get(name) for name in facts}
+    sensors = load_worn_sensors(sensor_names(described, grasp_settings.sensor))
+    return Grasps(tuple(mount.name for mount in described.sensors), sensors, touched=row["touch_success"], **arrays)

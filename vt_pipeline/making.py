@@ -1,9 +1,9 @@
-"""Datasets and trained models: the pipeline's stages, from Python."""
+"""The pipeline from Python: its stages make datasets and trained models, which reconstruct what a robot saw and felt."""
 
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -11,7 +11,11 @@ from pipeline.engine.executor import Serial
 from pipeline.engine.make import make as make_outputs
 from pipeline.engine.plan import Made
 from pipeline.engine.worker_processes import WorkerProcesses
+from pipeline.reconstruct.observation_file import RobotObservation
 from stages.registry import DATASET, assignment, make_request
+
+if TYPE_CHECKING:
+    from pipeline.reconstruct.predict import Prediction
 
 
 def make(
@@ -75,20 +79,67 @@ def make(
     """
     manifest = manifest or ("toy" if objects is None else "directory")
     assignments = [assignment(name, value) for name, value in (settings or {}).items()]
+    stated: dict[str, Any] = {"data": str(data), "assignments": assignments, "seed": seed, "units": units, "up": up}
     quiet, answers = console or Console(quiet=True), []
     with Serial() if workers == 1 else WorkerProcesses(workers or len(os.sched_getaffinity(0))) as executor:
         for name in DATASET if stage == "dataset" else (stage,):
-            request = make_request(
-                name,
-                str(manifest),
-                preset,
-                data=str(data),
-                objects=Path(objects) if objects else None,
-                assignments=assignments,
-                seed=seed,
-                units=units,
-                up=up,
-                executor=executor,
-            )
+            request = make_request(name, str(manifest), preset, objects=Path(objects) if objects else None, executor=executor, **stated)
             answers += make_outputs(request, quiet, dry_run=dry_run)
     return answers
+
+
+def load_observation(path: str | Path) -> RobotObservation:
+    """Read an observation file with the photographs that it names; an `InvalidInput` lists all its faults."""
+    from pipeline.reconstruct.observation_checks import check  # imports torch, which `touch` does not need
+
+    return check(Path(path)).observation
+
+
+def reconstruct(
+    observation: RobotObservation | str | Path,
+    models: str | Path | None = None,
+    configuration: str | None = None,
+    *,
+    resolution: int = 128,
+    training_seed: int = 0,
+    accelerator: str = "auto",
+    seed: int = 0,
+) -> "Prediction":
+    """Reconstruct the surface of an object that a robot saw or felt.
+
+    Parameters
+    ----------
+    observation
+        From `load_observation`, or a `RobotObservation` of arrays, or the path of an observation file.
+    models
+        Folder of trained models, DATA/models, or `shipped`: by default, the pretrained networks.
+    configuration
+        Which of them; by default `occluded-touch`, of the pretrained ones `implicit-any`, which accepts any subset of inputs.
+    resolution
+        Edges of the closed mesh along the longest side of its box, 64 to 400.
+    training_seed
+        Which training of the model, where there are several.
+    accelerator
+        Where the networks run: "cpu", "cuda", or "auto".
+    seed
+        Of the chart fitting.
+
+    Returns
+    -------
+    `closed`, one mesh with colours, and `reconstruction`, the network's surface, both in the observation's frame and unit; and `remarks`.
+
+    Raises
+    ------
+    InvalidInput
+        The observation has faults, of which the message lists all; or the resolution is beyond its limits.
+    StageError, StoreError
+        There is no such model, or it cannot be used.
+    """
+    from pipeline.models.shipped_weights import models_location
+    from pipeline.reconstruct import predict
+
+    folder = None if models is None else models_location(str(models))
+    options = predict.PredictOptions(folder, configuration, training_seed, accelerator, seed, resolution)
+    if not isinstance(observation, str | Path | RobotObservation):
+        raise TypeError(f"observation is a RobotObservation or the path of an observation file; this is {type(observation).__name__}")
+    return predict.reconstruct(Path(observation) if isinstance(observation, str) else observation, options)

@@ -19,7 +19,7 @@ from benchmarks.real_touch.scores import Reading, Scores, ball_footprint, ball_r
 from benchmarks.timing import Table
 from pipeline.kernels.touch.sensor import MM
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
-from pipeline.real_touch.train_sensor import save_sensor_network, train_sensor_network
+from pipeline.real_touch import save_sensor_network, train_sensor_network
 
 COLUMNS = ["RMSE, mm", "mean error, mm", "RMSE without the mean error, mm", "normals on balls, °", "on flats, °", "contact, IoU"]
 Method = Callable[[NDArray[np.uint8]], Reading]

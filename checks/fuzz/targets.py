@@ -26,7 +26,7 @@ from pipeline.formats.hand_file import load_hand
 from pipeline.formats.mesh_reader import load_mesh
 from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.formats.threemf_package import MODEL
+from pipeline.formats.threemf import MODEL
 from stages.registry import load_stage, resolve
 from tests.formats.gltf_builder import Gltf, glb
 from tests.formats.test_collada import ARROW, FILE, POLYGONS, POLYLIST, RED, TEXTURE, TRIANGLE

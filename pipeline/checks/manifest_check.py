@@ -140,7 +140,7 @@ def _read_object(
     metres = source.get("metres_per_unit")
     if "file" in source and metres is None:
         unit = SCALED
-    elif "file" in source:
+    elif "file" in source and metres is not None:
         stated = stated_units(Path(source["file"]))[0]
         stated_by = "--units" if units and metres == METRES[units] else "manifest"
         by_another = f"{stated_by} (its file: {_symbol(stated)})" if stated else stated_by

@@ -1,7 +1,5 @@
 """End commands with a message when something is wrong."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys
@@ -71,7 +69,7 @@ def _stoppable() -> Iterator[list[type[KeyboardInterrupt]]]:
         if not _is_interrupting(sys.exception()):
             raise stopped[0]
 
-    def hide(unraisable: sys.UnraisableHookArgs) -> None:
+    def hide(unraisable: "sys.UnraisableHookArgs") -> None:
         if not isinstance(unraisable.exc_value, KeyboardInterrupt):
             show_unraisable(unraisable)
 

@@ -144,7 +144,7 @@ def read_touch(
     A network trained on simulated presses of the sensor reads them. Pretrained networks exist for the sensors gelsight and gelsight_mini;
     for others see `calibrate-sensor --train` and the stage `train-touch`.
     """
-    from pipeline.real_touch.read_touch import TouchReader, camera_frames, photographs_of, write_reading  # torch: seconds to import
+    from pipeline.real_touch import TouchReader, camera_frames, photographs_of, write_reading  # torch: seconds to import
 
     if (photographs is None) == (camera is None):
         fail("name photographs, or a camera with --camera, one of them")

@@ -17,7 +17,6 @@ from pipeline.cli.failures import fail
 from pipeline.cli.run import print_made
 from pipeline.console import abbreviate, console, pluralise, print_lines
 from pipeline.engine.make import make
-from pipeline.errors import InvalidInput, unknown_name
 from pipeline.formats.file_content import expanded
 from pipeline.recipes.dataset_recipe import Comparison, compare, recipe_of
 from pipeline.recipes.recipe import read_recipe
@@ -134,11 +133,7 @@ def export(
     """
     if out.suffix.lower() in MESHES:
         fail(f"{out}: scenes are written as glTF; name a folder, or of one object (--object) a .glb file")
-    entries = {entry.name: entry for entry in plugins.declared("exports")}
-    if to not in entries:
-        fail(unknown_name("export", to, entries))
-    plugins.check_unique("export", to, [plugins.package_of(entry) for entry in plugins.declared("exports") if entry.name == to])
-    write = plugins.load(entries[to], InvalidInput)
+    write = plugins.find("exports", to)
     chosen = list(dict.fromkeys(objects or []))
     given = {name: value for name, value in {"objects": chosen, "about": about}.items() if value}
     if refused := sorted(given.keys() - signature(write).parameters.keys()):

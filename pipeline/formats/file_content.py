@@ -5,6 +5,7 @@ import os
 import re
 import stat
 from pathlib import Path
+from typing import IO
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
@@ -145,17 +146,20 @@ def without_mark(path: object, content: bytes) -> bytes:
     return XML_ENCODING.sub(r"\1", text).encode()
 
 
-def parse_xml(content: bytes | str) -> Element:
+def parse_xml(content: bytes | str | IO[bytes], tree: TreeBuilder | None = None) -> Element:
     """Parse XML whose prefixes need no declaration, and stay; refuse a document type, which may declare entities."""
 
     def refuse_entities(*_: object) -> None:
         raise InvalidInput("its XML declares a document type or entities; write out their content")
 
-    tree, parser = TreeBuilder(), expat.ParserCreate()
+    tree, parser = tree or TreeBuilder(), expat.ParserCreate()
     parser.StartDoctypeDeclHandler = refuse_entities
     parser.buffer_text = True
     parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = tree.start, tree.end, tree.data
-    parser.Parse(content, True)
+    if isinstance(content, bytes | str):
+        parser.Parse(content, True)
+    else:
+        parser.ParseFile(content)
     return tree.close()
 
 

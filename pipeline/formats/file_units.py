@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from pipeline.formats.file_content import without_mark
-from pipeline.formats.threemf_package import HEAD_BYTES, Package
+from pipeline.formats.threemf import HEAD_BYTES, Package
 
 COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.3048}  # metres per unit, by its sign

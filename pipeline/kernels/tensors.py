@@ -23,14 +23,6 @@ def check_intensities(name: str, images: Tensor) -> None:
         raise InvalidInput(f"{name} reach from {low:g} to {high:g}; floating images must lie in [0, 1]: divide by {WHITE}")
 
 
-def check_full_precision(name: str, values: Tensor) -> None:
-    """Refuse half precision and integers: at the scene's 0.6 m, bfloat16 has steps of 4 mm and float16 of 0.5 mm."""
-    if values.dtype not in (torch.float32, torch.float64):
-        raise ValueError(
-            f"{name} of type {values.dtype}: the floating types are float32 and float64; for half precision, use torch.autocast"
-        )
-
-
 def draw_weights(network: nn.Module, generator: torch.Generator | None) -> None:
     """Draw He's normal weights for all convolutions and linear layers of a network, in place; biases are zero.
 

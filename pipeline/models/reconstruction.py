@@ -51,7 +51,7 @@ class Reconstruction:
 
 
 class Trained(Entries):
-    """Describe a trained network: written by its training as `model.json`, read by whatever applies it."""
+    """Describe a trained network: written by its training as `model.json`, read by everything that applies it."""
 
     configuration: str  # the network's name
     network: SerializeAsAny[NetworkInputs]  # inputs and sizes, of the family's type

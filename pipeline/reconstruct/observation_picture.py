@@ -12,53 +12,43 @@ from matplotlib.patches import Circle
 from pipeline.drawing.plots import save_figure
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.vision.camera import project_points
-from pipeline.kernels.vision.view_transfer import camera_direction, moved_projection, optical_centre, split_projection
-from pipeline.reconstruct.object_location import ObjectBox, Target, turn_to_z
-from pipeline.reconstruct.observation_checks import check
+from pipeline.kernels.vision.view_transfer import optical_centre, split_projection
+from pipeline.reconstruct.object_location import ObjectBox, Target
+from pipeline.reconstruct.observation_checks import CheckedObservation, check
 from pipeline.reconstruct.observation_file import RobotObservation, View
-from pipeline.reconstruct.observation_placement import describe_object, facing_away, place_observation
+from pipeline.reconstruct.observation_placement import describe_object, place_observation
 
 SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) / 2
 """The outline of a gel, in units of its sides."""
 
 
-def draw_observation(path: Path, picture: Path, target: Target | None = None) -> list[str]:
-    """Check an observation file, and draw it; return lines that describe it and, with a network, the inputs that this gets."""
+def draw_observation(path: Path, picture: Path, target: Target) -> list[str]:
+    """Check an observation file for a network, and draw it; return lines that describe it and what the network is given."""
     checked = check(path, target)
-    observation, box = checked.observation, checked.box
-    lines = [f"{path}: observation, no faults", *_described(observation, box)]
-    panels: list[Callable[[Axes], object]] = [partial(_draw_from, observation=observation, box=box, right=0, up=up) for up in (1, 2)]
+    observation, box, placed = checked.observation, checked.box, place_observation(checked)
+    outlines = _outlines(observation)
+    panels: list[Callable[[Axes], object]] = [partial(_draw_from, checked=checked, outlines=outlines, right=0, up=up) for up in (1, 2)]
     if observation.view is not None:
-        panels.insert(0, partial(_draw_photograph, view=observation.view, box=box, outlines=_outlines(observation)))
-    if target is not None:
-        placed = place_observation(checked)
-        lines += [f"with model {target.configuration}:{'' if placed.remarks else ' no remark'}", *placed.remarks]
-        if placed.image is not None:
-            panels.append(partial(_draw_image, image=placed.image, title=f"as {target.configuration} is given it"))
+        panels.insert(0, partial(_draw_photograph, view=observation.view, box=box, outlines=outlines))
+    if placed.image is not None:
+        panels.append(partial(_draw_image, image=placed.image, title=f"as {target.configuration} is given it"))
     figure = Figure((5 * len(panels), 5), layout="constrained")
     for axes, draw in zip(figure.subplots(1, len(panels)), panels, strict=True):
         draw(axes)
     save_figure(figure, picture)
-    return [*lines, f"picture: {picture}"]
+    remarks = [f"with model {target.configuration}:{'' if placed.remarks else ' no remark'}", *placed.remarks]
+    return [f"{path}: observation, no faults", *_described(observation, box), *remarks, f"picture: {picture}"]
 
 
 def _described(observation: RobotObservation, box: ObjectBox) -> Iterator[str]:
     yield describe_object(observation, box)
-    if observation.view is not None:
-        upright = np.eye(4)
-        upright[:3, :3] = turn_to_z(np.array(observation.up))
-        upright[:3, 3] = -upright[:3, :3] @ box.centre
-        seen = camera_direction(moved_projection(observation.view.matrix, upright), np.zeros(3))
-        pixels = observation.view.camera.object_pixels
-        yield (
-            f"camera: {pixels.shape[1]} x {pixels.shape[0]} pixels, {seen.distance:.3g} m from the object, "
-            f"{np.degrees(seen.elevation):z.1f}° above its horizon; {pixels.mean():.1%} of the photograph is the object"
-        )
+    if observation.camera is not None:
+        pixels = observation.camera.object_pixels
+        yield f"camera: {pixels.shape[1]} x {pixels.shape[0]} pixels; {pixels.mean():.1%} of the photograph is the object"
     distances = np.linalg.norm(observation.gel_centres - box.centre, axis=1)
-    for number, (touch, is_away) in enumerate(zip(observation.touches, facing_away(observation, box), strict=True)):
+    for number, touch in enumerate(observation.touches):
         touched = {True: "touches", False: "does not touch", "auto": "touches if its image shows so"}[touch.touched]
-        facing = "; warning: it faces away from there, +z must point out of the gel" if is_away else ""
-        yield f"{observation.name_of(number)}: {touched}, {1e3 * distances[number]:.3g} mm from the object's centre{facing}"
+        yield f"{observation.name_of(number)}: {touched}, {1e3 * distances[number]:.3g} mm from the object's centre"
 
 
 def _draw_image(axes: Axes, image: np.ndarray, title: str) -> None:
@@ -84,13 +74,13 @@ def _outlines(observation: RobotObservation) -> np.ndarray:
     return transform_points(observation.sensor_poses, np.insert(SQUARE * [sensor.width, sensor.height], 2, sensor.w, axis=1))
 
 
-def _draw_from(axes: Axes, observation: RobotObservation, box: ObjectBox, right: int, up: int) -> None:
+def _draw_from(axes: Axes, checked: CheckedObservation, outlines: np.ndarray, right: int, up: int) -> None:
     """Draw the scene along an axis of the file's frame; `right` and `up` are the numbers of the other axes."""
-    unit = observation.metres_per_unit
+    observation, box, unit = checked.observation, checked.box, checked.observation.metres_per_unit
     column, row = box.centre[[right, up]] / unit
     axes.add_patch(Circle((column, row), (box.diagonal or 0) / 2 / unit, fill=False, linestyle="--"))
     axes.plot(column, row, "+", color="C3", markersize=12, label="object")
-    for number, outline in enumerate(_outlines(observation) / unit):
+    for number, outline in enumerate(outlines / unit):
         axes.plot(*outline[:, [right, up]].T, color="C0", label=None if number else "gels")
     if observation.view is not None:
         eye, ahead = optical_centre(observation.view.matrix), split_projection(observation.view.matrix)[1][2]

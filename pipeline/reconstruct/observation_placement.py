@@ -199,7 +199,9 @@ def _touch_remarks(
             yield f"tactile images resampled from {cols} x {rows} to {sensor.cols} x {sensor.rows} pixels"
         if observation.untouched is None:
             yield f"untouched image: that of the model's sensor, {sensor.name}"
-        if turned := [observation.name_of(number) for number, is_away in enumerate(facing_away(observation, checked.box)) if is_away]:
+        towards = (unit_vectors(checked.box.centre - observation.gel_centres) * observation.sensor_poses[:, :3, 2]).sum(axis=1)
+        touching = [(number, touch.touched is not False) for number, touch in enumerate(observation.touches)]
+        if turned := [observation.name_of(number) for number, touches in touching if touches and towards[number] < FACING_AWAY]:
             yield f"warning: {', '.join(turned)} face away from the object's centre: +z must point out of the gel"
     if camera is not None and camera.metres is not None:
         if camera.depth_as_touch and inputs.touch:
@@ -214,9 +216,3 @@ def _touch_remarks(
         yield f"model {target.configuration} takes no image: the photograph only colours a closed mesh"
     if observation.touches and not inputs.touch:
         yield f"model {target.configuration} takes no touch: the touches are not used"
-
-
-def facing_away(observation: RobotObservation, box: ObjectBox) -> NDArray[np.bool_]:
-    """Find the sensors (T,) that touch and face away from the object's centre."""
-    towards = (unit_vectors(box.centre - observation.gel_centres) * observation.sensor_poses[:, :3, 2]).sum(axis=1)
-    return np.asarray((towards < FACING_AWAY) & np.array([touch.touched is not False for touch in observation.touches], bool))

@@ -42,30 +42,18 @@ def unreferenced(directory: DataDirectory, folder: Location, older_than: float =
         if _UNFINISHED.fullmatch(name) or (name.endswith(TEMPORARY) and _is_ours(directory, folder, name.removesuffix(TEMPORARY))):
             if _age(folder / name) > older_than:
                 yield folder / name
-        elif (
-            is_folder and (record := record_of(name)) and (isinstance(folder, Path) or files_below(folder / name))
-        ):  # some servers list empty folders
-            versions.setdefault(record, []).append(name)
+        elif is_folder and record_of(name) and (isinstance(folder, Path) or files_below(folder / name)):  # servers list empty ones
+            versions.setdefault(record_of(name), []).append(name)
     records = list_folder(folder) if versions else {}  # after the versions were listed: a record that was published meanwhile is there
     for record, names in versions.items():
         has_record = records.get(record) is False  # neither missing nor a folder
         if has_record and len(names) == 1:
             continue  # the version that the record names
-        for name in names:
-            if _age(folder / name) > older_than and (
-                _is_replaced(folder / record, name) if has_record else _is_ours(directory, folder, name)
-            ):
+        expired = [name for name in names if _age(folder / name) > older_than]
+        current = named_location(folder / record) if has_record and expired else None  # None: it is damaged, and may have named any
+        for name in expired:
+            if current not in (None, name) if has_record else _is_ours(directory, folder, name):
                 yield folder / name
-
-
-def _exists(folder: Location) -> bool:
-    """Check whether a listed folder exists: some servers of object storage list empty ones."""
-    return isinstance(folder, Path) or bool(files_below(folder))
-
-
-def _is_replaced(record: Location, name: str) -> bool:
-    """Check whether a record names another version than this one; a damaged record may have named it."""
-    return named_location(record) not in (None, name)
 
 
 def _is_ours(directory: DataDirectory, folder: Location, name: str) -> bool:

@@ -176,23 +176,21 @@ def read_record(path: Location, kind: type[R], maker: str = "the stage that make
 def read_content(path: Location, maker: str = "the stage that makes it") -> dict[str, Any]:
     """Read the fields of a record of any kind; errors are those of `read_record`."""
     try:
-        content = json.loads(read_bytes(path))
+        content: dict[str, Any] = json.loads(read_bytes(path))
         version, checksum = content.get("format"), content.pop("checksum", None)
+        is_sound = checksum == digest.of_json(content)
     except FileNotFoundError:
         raise StoreError(f"{path.with_suffix('')} has not been made; run {maker} first") from None
-    except (OSError, ValueError, AttributeError, RecursionError) as error:
+    except (OSError, ValueError, AttributeError, RecursionError) as error:  # also NaN, or brackets without end
         raise _damaged(path, error) from error
     if isinstance(version, int) and version != FORMAT:
         raise OtherVersion(
             f"{path}: the record is of format {version}, this version of vt-pipeline reads format {FORMAT}; "
             "use the version that wrote it, or delete the record and run its stage again"
         )
-    try:
-        if checksum == digest.of_json(content):
-            return dict(content)
-    except (ValueError, RecursionError) as error:  # NaN, or brackets without end
-        raise _damaged(path, error) from error
-    raise _damaged(path, ValueError("its checksum is not that of its content"))
+    if not is_sound:
+        raise _damaged(path, ValueError("its checksum is not that of its content"))
+    return content
 
 
 def named_location(path: Location) -> str | None:

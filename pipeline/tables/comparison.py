@@ -104,11 +104,12 @@ def read_values(folders: Sequence[Path]) -> Values:
     values: Values = {}
     first = read_root(folders[0])
     for folder in folders:
-        root, figures = read_root(folder), read_figures(folder)
+        root = read_root(folder)
         if problem := difference(folders[0], folder, sorted({*first["settings"], *root["settings"]} - set(MAY_DIFFER))):
             raise StoreError(
                 f"{folder} was made with {problem}, as {folders[0]}; run evaluate again for each training seed, with one setting"
             )
+        figures = read_figures(folder)
         for name in root["configurations"]:
             if name not in figures:
                 raise StoreError(f"{folder} has no figures of {name}, which it lists; run evaluate again")

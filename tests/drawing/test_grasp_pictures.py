@@ -48,13 +48,6 @@ def test_touch_patch_lies_in_front_of_the_surface() -> None:
     assert used[:, 0] == pytest.approx(np.full(len(used), 1 + 0.004 - LIFT))  # the sensor's z is the world's x
     assert used[:, 2].max() < 3  # its rows run along the world's z, and the upper half felt nothing
     assert np.abs(used[:, 1] - 2).max() < SENSOR.width / 2
-    assert touch_patch(np.full((100, 100), np.inf, np.float32), frame, SENSOR, COLORS[0]) is None
-
-
-def test_gel_squares_lie_at_the_front_of_the_gel() -> None:
-    corners = gel_squares(np.eye(4)[None], [SENSOR])[0]
-    assert corners[:, 2] == pytest.approx(np.full(4, SENSOR.w))
-    assert np.ptp(corners[:, :2], axis=0) == pytest.approx([SENSOR.width, SENSOR.width])
 
 
 @given(seed=seeds, offset=offsets)

@@ -373,3 +373,5 @@ def test_rows_can_be_read_back(tmp_path):
     assert view["values"].dtype == np.float32
     np.testing.assert_array_equal(view["lists/numbers"], [1])
     np.testing.assert_array_equal(view["reach"], np.ones((50, 3)))
+    names = ("reach", "values", "ok", "lists/numbers", "label", "hardness", "lists/letters")
+    assert [name in view for name in names] == [True] * 5 + [False] * 2

@@ -1,13 +1,11 @@
 """3MF files: which parts and objects are built, where, and in which colours."""
 
-import io
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
-from PIL import Image
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import stated_units
@@ -117,6 +115,9 @@ def test_mirrored_object_keeps_its_outside(tmp_path: Path) -> None:
     assert volume(read(tmp_path, solid(), '<item objectid="1" transform="-1 0 0 0 1 0 0 0 1 0 0 0"/>')) == pytest.approx(6)
 
 
+USES = solid(triangle=' pid="2" p1="0"')
+
+
 @pytest.mark.parametrize(
     ("resources", "build", "said"),
     [
@@ -133,14 +134,24 @@ def test_mirrored_object_keeps_its_outside(tmp_path: Path) -> None:
         ),
         (solid(triangle=' paint_color="4"'), BUILD, "colours that a slicer painted on triangles are not read"),
         (
-            f'{BASES}<m:compositematerials id="3" matid="2" matindices="0"><m:composite values="1"/></m:compositematerials>{solid()}',
+            '<m:compositematerials id="2"><m:composite values="1"/></m:compositematerials>' + USES,
             BUILD,
             "mixtures of materials (compositematerials) are not read",
         ),
         (
-            f'{COLORS}<m:multiproperties id="3" pids="2"><m:multi pindices="0"/></m:multiproperties>{solid()}',
+            '<m:multiproperties id="2"><m:multi pindices="0"/></m:multiproperties>' + USES,
             BUILD,
             "layers of properties (multiproperties) are not read",
+        ),
+        (
+            '<m:texture2dgroup id="2" texid="3"><m:tex2coord u="0" v="1"/></m:texture2dgroup>' + USES,
+            BUILD,
+            "textures (texture2dgroup) are not read",
+        ),
+        (
+            COLORS + solid(triangle=' pid="2" p1="0" p2="1" p3="0"'),
+            BUILD,
+            "colours that differ at the corners of a triangle are not read, but the first",
         ),
     ],
 )
@@ -181,7 +192,7 @@ def test_extensions_and_units_that_cannot_be_read_are_refused(tmp_path: Path) ->
     ("parts", "message"),
     [
         ({"a.txt": "a"}, r"it has no part that ends with \.model"),
-        ({MAIN: f"<!DOCTYPE model>{model(solid())}"}, "has a document type, which 3MF forbids"),
+        ({MAIN: f"<!DOCTYPE model>{model(solid())}"}, "declares a document type or entities"),
         (
             {MAIN: model(solid()), "Metadata/Slic3r_PE_model.config": '<metadata key="volume_type" value="NegativeVolume"/>'},
             "volumes that modify others",
@@ -218,35 +229,3 @@ def test_colours_of_objects_and_triangles_are_read(tmp_path: Path, resources: st
     assert colors(mesh) == expected
     assert mesh.look.vertex_color is None
     assert mesh.unread == ()
-
-
-def test_colours_that_differ_at_the_corners_of_a_triangle_are_those_of_vertices(tmp_path: Path) -> None:
-    mesh = read(tmp_path, COLORS + solid(triangle=' pid="2" p1="0" p2="1" p3="0"'))
-    assert mesh.look.vertex_color is not None
-    assert mesh.look.vertex_color[mesh.faces].tolist() == [[RED, BLUE, RED]] * 12
-    assert colors(mesh) == [[255] * 4]
-
-
-def textured(path: str, style: str = "", u: float = 0.25) -> str:
-    """Write a texture with its coordinates, and a box that uses them."""
-    texture = f'<m:texture2d id="3" path="{path}" contenttype="image/png" {style}/>'
-    coordinates = f'<m:tex2coord u="0.25" v="0.75"/><m:tex2coord u="{u}" v="0.75"/>'
-    group = f'<m:texture2dgroup id="2" texid="3">{coordinates}</m:texture2dgroup>'
-    return texture + group + solid(attributes=' pid="2" pindex="0"', triangle=' p1="0" p2="1" p3="0"')
-
-
-def test_textures_are_read_or_said(tmp_path: Path) -> None:
-    image = io.BytesIO()
-    Image.fromarray(np.array([[RED, BLUE], [BLUE, BLUE]], np.uint8)).save(image, "PNG")
-    parts = {"a.png": image.getvalue(), "bad.png": b"no image"}
-    mesh = read(tmp_path, textured("/3D/A.png", u=0.5), **parts)
-    assert mesh.look.textures[0][0, 0].tolist() == RED
-    assert mesh.look.uv[mesh.faces[0]].tolist() == [[0.25, 0.75], [0.5, 0.75], [0.25, 0.75]]
-    assert mesh.look.material_texture.tolist() == [0]
-    assert mesh.unread == ()
-    missing = read(tmp_path, textured("/3D/none.png"), **parts)
-    assert (missing.unread, missing.look.textures) == (("/3D/none.png is missing in the 3MF",), ())
-    (reason,) = read(tmp_path, textured("/3D/bad.png"), **parts).unread
-    assert reason.startswith("/3D/bad.png ")
-    clamped = read(tmp_path, textured("/3D/a.png", 'tilestyleu="clamp"', 1.5), **parts)
-    assert clamped.unread == ("/3D/a.png is repeated where the file says clamp",)

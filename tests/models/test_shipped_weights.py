@@ -24,7 +24,7 @@ from pipeline.models.shipped_weights import (
     shipped_sensor_network,
 )
 from pipeline.models.touch_model import save_touch_model
-from pipeline.real_touch.read_touch import TouchReader
+from pipeline.real_touch import TouchReader
 from pipeline.reconstruct.predict import PredictOptions
 from stages.train_touch import TouchTrainingSettings
 from tests.command_line import vt

@@ -20,7 +20,7 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.photograph_faults import photograph_faults, untouched_faults
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
-from pipeline.real_touch.read_touch import TouchReader
+from pipeline.real_touch import TouchReader
 from pipeline.reconstruct.observation_checks import check
 from tests.kernels.touch.test_photograph_alteration import SENSORS, grey, noisy, press
 from tests.reconstruct.robot import write_files, write_observation

@@ -28,8 +28,7 @@ from pipeline.kernels.touch.sensor import resample
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.models.shipped_weights import shipped_sensor_network
 from pipeline.models.touch_model import LocalTouchModel, save_touch_model
-from pipeline.real_touch.read_touch import PNG_STEP, TouchReader, camera_frames, photographs_of, write_reading
-from pipeline.real_touch.train_sensor import save_sensor_network
+from pipeline.real_touch import PNG_STEP, TouchReader, camera_frames, photographs_of, save_sensor_network, write_reading
 from pipeline.store.digest import of_json
 
 ROWS, COLS = 36, 48

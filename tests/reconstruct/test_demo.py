@@ -1,7 +1,5 @@
 """The demo simulates a grasp and writes all of its files; the network has random weights."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

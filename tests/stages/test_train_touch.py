@@ -11,10 +11,10 @@ import torch
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.networks.local_network import LocalNetwork, pixel_positions
-from pipeline.kernels.touch.pressed_gel import scaled_gel
+from pipeline.kernels.touch.depth_maps import scaled_gel
 from pipeline.kernels.touch.sensor import Gel, resample
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
-from pipeline.real_touch.train_sensor import random_presses, save_sensor_network
+from pipeline.real_touch import random_presses, save_sensor_network
 from stages.train_touch import Presses, PressLearner, TouchTrainingSettings, train_local_network, vary_change
 
 SENSOR = resample(load_sensor("gelsight"), 36, 48).model_copy(update={"membrane": 0.0, "gel": Gel(modulus=1e5)})

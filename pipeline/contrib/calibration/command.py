@@ -90,8 +90,7 @@ def calibrate_sensor(
     print_lines(f"{out}, {report}; `vt-pipeline check {shlex.quote(str(out))}` draws the sensor")
     if train:
         from pipeline.formats.sensor_file import load_sensor
-        from pipeline.real_touch.read_touch import MODEL_SUFFIX
-        from pipeline.real_touch.train_sensor import PRESSES, save_sensor_network, train_sensor_network
+        from pipeline.real_touch import MODEL_SUFFIX, PRESSES, save_sensor_network, train_sensor_network
 
         print_lines(f"calibrated in {time.perf_counter() - began:.0f} s; presses {PRESSES} random shapes into the gel, then trains")
         model, _ = train_sensor_network(load_sensor(out))

@@ -20,7 +20,7 @@ def chart_square(side: int = SIDE, aspect: float = 1.0) -> tuple[Tensor, Tensor]
     a side, odd: the vertex with index side² // 2 is the centre.
     """
     if side % 2 == 0 or not 3 <= side <= MAX_SIDE:
-        raise ValueError(f"a chart of side {side}: its side is odd, so that it has a centre, and 3 to {MAX_SIDE}; {SIDE} in the supplement")
+        raise ValueError(f"side must be odd, 3 to {MAX_SIDE} ({SIDE} in the supplement); it is {side}")
     import torch  # takes a second, which readers of settings save
 
     along = torch.arange(side, dtype=torch.float64) / (side - 1) - 0.5

@@ -14,7 +14,7 @@ from pipeline.kernels.arrays import Array, Array32, Integers, Mask
 from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products, without_slivers
 from pipeline.kernels.geometry.transforms import compose, transform_points, unit_vectors
 from pipeline.kernels.hand.collision_shapes import CollisionSpheres
-from pipeline.kernels.hand.grid_loops import Grid, gaps, least_distances, look_up
+from pipeline.kernels.hand.grid_loops import Grid, gaps, look_up
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 
@@ -173,9 +173,9 @@ def gel_contact(
     pose: Array = IDENTITY,  # (4, 4) of their frame, world
 ) -> tuple[Array32, Array32]:  # (N, S) m, (N, S)
     """Measure the least distance of each gel's probes from an object, negative inside, and the share that are inside."""
-    groups = probes.shape[1:3]
-    contact, coverage = least_distances(field.grid, pose.astype(np.float32), probes.reshape(3, -1, probes.shape[3]))
-    return contact.reshape(groups), coverage.reshape(groups)
+    x, y, z = probes
+    distances = field.lookup(np.stack([((row[0] * x + row[1] * y) + row[2] * z) + row[3] for row in pose[:3].astype(np.float32)]))
+    return distances.min(axis=2), (distances < 0).mean(axis=2, dtype=np.float32)
 
 
 def finger_clearance(

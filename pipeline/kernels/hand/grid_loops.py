@@ -58,25 +58,6 @@ def look_up(grid: Grid, points: Array32) -> Array32:
 
 
 @compiled
-def least_distances(grid: Grid, pose: Array32, points: Array32) -> tuple[Array32, Array32]:  # (N,) m, (N,)
-    """Compute the least distance of each group of points (3, N, P), in a frame (4, 4), and the share of its points inside."""
-    count, size = points.shape[1:]
-    distances, share = np.full(count, np.float32(np.inf)), np.empty(count, np.float32)
-    for n in range(count):
-        inside = 0
-        for p in range(size):
-            x, y, z = points[0, n, p], points[1, n, p], points[2, n, p]
-            px = ((pose[0, 0] * x + pose[0, 1] * y) + pose[0, 2] * z) + pose[0, 3]
-            py = ((pose[1, 0] * x + pose[1, 1] * y) + pose[1, 2] * z) + pose[1, 3]
-            pz = ((pose[2, 0] * x + pose[2, 1] * y) + pose[2, 2] * z) + pose[2, 3]
-            distance = _distance(grid, px, py, pz)
-            distances[n] = min(distances[n], distance)
-            inside += int(distance < 0)
-        share[n] = np.float32(inside) / np.float32(size)
-    return distances, share
-
-
-@compiled
 def _gap(grid: Grid, frames: Array, spheres: Spheres, floor: np.float32) -> np.float32:
     """Compute the least gap of spheres on link frames (L, 4, 4); if it is below `floor`, any value below `floor`."""
     gap, link, pose = np.float32(np.inf), -1, np.empty((3, 4), np.float32)

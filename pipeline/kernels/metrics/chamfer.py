@@ -17,7 +17,6 @@ from torch import Tensor
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import check_shape
-from pipeline.kernels.tensors import check_full_precision
 
 PAIRS_PER_BLOCK = 1 << 25  # distances a GPU holds at a time: 128 MiB of float32, as much again while they are summed
 
@@ -70,7 +69,6 @@ def nearest_of_pairs(query: Tensor, points: Tensor) -> Tensor:  # (N,) int64 ind
 
 def _check(name: str, points: Tensor) -> None:
     check_shape(name, points, "N", 3)
-    check_full_precision(name, points)
     if len(points) == 0:
         raise InvalidInput(f"{name} holds no points, (0, 3); a nearest point needs at least one: leave empty clouds out beforehand")
     finite = torch.isfinite(points.detach()).all(dim=1)

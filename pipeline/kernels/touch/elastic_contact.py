@@ -102,12 +102,8 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> PressedGel:
     coarse = _cell_means(pressed, factor)
     if not coarse.any():
         return PressedGel(np.zeros(sensor.shape), np.zeros(sensor.shape, bool), np.zeros(sensor.shape))
+    check_layer(sensor)
     thickness = sensor.layer_thickness
-    if thickness < max(pitch):
-        raise InvalidInput(
-            f"the elastic gel of sensor {sensor.name!r} is {thickness:.3g} m thick, its contact is solved on cells of {max(pitch):.3g} m: "
-            f"make the gel at least as thick, or, where an image has fewer than {MAX_CELLS} pixels per side, take more"
-        )
     displacement = _grid_displacement(coarse.shape, pitch, gel.poisson, thickness)
     window = tuple(slice(at[0], at[-1] + 1) for at in (np.flatnonzero(coarse.any(axis=axis)) for axis in (1, 0)))
     pressed_window = coarse[window]
@@ -126,6 +122,16 @@ def contact_cells(sensor: Sensor) -> tuple[int, tuple[float, float]]:
     """Compute the pixels per side of the cells on which contact is solved, and the cells' height and width, m."""
     factor = -(-max(sensor.shape) // MAX_CELLS)
     return factor, (sensor.pitch[0] * factor, sensor.pitch[1] * factor)
+
+
+def check_layer(sensor: Sensor) -> None:
+    """Raise an `InvalidInput` if a sensor's elastic layer is thinner than the cells on which its contact is solved."""
+    thickness, cell = sensor.layer_thickness, max(contact_cells(sensor)[1])
+    if thickness < cell:
+        raise InvalidInput(
+            f"the elastic gel of sensor {sensor.name!r} is {thickness:.3g} m thick, its contact is solved on cells of {cell:.3g} m: "
+            f"make the gel at least as thick, or, where an image has fewer than {MAX_CELLS} pixels per side, take more"
+        )
 
 
 def _cell_means(pressed: Array, factor: int) -> Array:

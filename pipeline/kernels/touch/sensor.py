@@ -122,7 +122,7 @@ class Surface(Entries):
         if (self.radius is None) == (self.heights is None):
             raise ValueError("give either a radius or heights")
         if self.radius is None and self.along != "both":
-            raise ValueError(f"along: {self.along} is how a bulge of some radius falls off; leave it out of heights")
+            raise ValueError(f"along: {self.along} is how a bulge of some radius falls off; omit it for heights")
         if self.heights is not None and (len(self.heights) < 2 or len(self.heights[0]) < 2 or len({len(row) for row in self.heights}) > 1):
             raise ValueError("heights must be a grid of 2 x 2 or more, with as many in each row")
         return self
@@ -172,10 +172,14 @@ class Sensor(Entries):
     def _is_consistent(self) -> "Sensor":
         if (self.lights is None) == (self.calibrated is None):
             raise ValueError("give either lights (equations 2 to 5) or calibrated (coefficients fitted to photographs)")
-        if self.calibrated is not None:
-            self._check_calibration(self.calibrated)
+        if self.calibrated is not None and self.diffuse != 1:
+            raise ValueError(f"diffuse {self.diffuse} belongs to lights (equation 2); omit it for a calibrated sensor")
+        within = None if self.calibrated is None else self.calibrated.within
+        if within is not None and (np.abs(within) > np.array([self.width, self.height] * 2)).any():  # such as mm
+            rim = f"the gel, whose rim is {self.width / 2:g} m and {self.height / 2:g} m from its middle"
+            raise ValueError(f"calibrated.within {list(within)} lies far beyond {rim}; state it in metres from there")
         if self.gel is not None and self.membrane > 0:
-            raise ValueError(f"an elastic gel draws itself in around a contact: remove the membrane of {self.membrane} m, or the gel")
+            raise ValueError(f"a membrane of {self.membrane} m and an elastic gel exclude each other: remove one")
         if self.surface is not None and self.surface.radius is not None:
             reach = {"both": np.hypot(self.width, self.height), "x": self.width, "y": self.height}[self.surface.along] / 2
             radius = self.surface.radius
@@ -185,13 +189,6 @@ class Sensor(Entries):
         if self.range < (top := max(self.w, *(max(row) for row in heights or [[0.0]]))):
             raise ValueError(f"range {self.range} m ends inside the gel, which is {top} m high; make it larger")
         return self
-
-    def _check_calibration(self, calibrated: Calibration) -> None:
-        if self.diffuse != 1:
-            raise ValueError(f"diffuse {self.diffuse} belongs to lights (equation 2); leave it out of a calibrated sensor")
-        if calibrated.within is not None and (np.abs(calibrated.within) > np.array([self.width, self.height] * 2)).any():  # such as mm
-            beyond = f"the gel, whose rim is {self.width / 2:g} m and {self.height / 2:g} m from its middle"
-            raise ValueError(f"calibrated.within {list(calibrated.within)} lies far beyond {beyond}; state it in metres from there")
 
     def __repr__(self) -> str:
         return f"Sensor({self.name}, {self.shape} pixels, {1e3 * self.width:.3g} mm wide)"
@@ -226,13 +223,12 @@ class Sensor(Entries):
 
 def sensor_differences(one: Sensor, other: Sensor, *, but_for: Mapping[str, Any]) -> list[str]:
     """Name the entries in which two sensors differ, defaults filled in; `but_for` names those that may, as pydantic's `exclude` does."""
-    ours, theirs = (_filled_in(sensor).model_dump(exclude=dict(but_for)) for sensor in (one, other))
+    entries = []
+    for sensor in (one, other):
+        gel = sensor.gel and sensor.gel.model_copy(update={"thickness": sensor.layer_thickness})
+        entries.append(sensor.model_copy(update={"given_height": sensor.height, "gel": gel}).model_dump(exclude=dict(but_for)))
+    ours, theirs = entries
     return sorted(name for name in ours.keys() | theirs.keys() if ours.get(name) != theirs.get(name))
-
-
-def _filled_in(sensor: Sensor) -> Sensor:
-    gel = sensor.gel and sensor.gel.model_copy(update={"thickness": sensor.layer_thickness})
-    return sensor.model_copy(update={"given_height": sensor.height, "gel": gel})
 
 
 def pixel_centres(sensor: Sensor) -> tuple[Array, Array]:
@@ -256,20 +252,15 @@ def check_pose(pose: np.ndarray, name: str = "sensor pose") -> Array:
     """Check that a pose (4, 4), sensor frame to world frame, m, is a rigid motion: else it is `InvalidInput`."""
     pose = np.asarray(pose, np.float64)
     check_shape(name, pose, 4, 4)
-    if not np.isfinite(pose).all():
-        raise InvalidInput(f"{name} holds NaN or infinity; it must be finite:\n{pose}")
     rotation = pose[:3, :3]
     with np.errstate(over="ignore", invalid="ignore"):
         deviation = np.abs(rotation.T @ rotation - np.eye(3)).max()
-    if not deviation <= POSE_TOLERANCE:  # NaN, where squares overflow, is neither
+        is_rigid = np.isfinite(pose).all() and deviation <= POSE_TOLERANCE and np.linalg.det(rotation) > 0
+    if not is_rigid or (pose[3] != (0, 0, 0, 1)).any():
         raise InvalidInput(
-            f"{name} is not a rigid motion: its axes are {deviation:.3g} from orthonormal "
-            f"(at most {POSE_TOLERANCE:g}); scale belongs into the mesh, not the pose:\n{pose}"
+            f"{name} is not a rigid motion: its axes are {deviation:.3g} from orthonormal (at most {POSE_TOLERANCE:g}; scale belongs into "
+            f"the mesh), or left-handed, or its last row is not 0 0 0 1 (is the pose transposed?), or it is not finite:\n{pose}"
         )
-    if np.linalg.det(rotation) < 0:
-        raise InvalidInput(f"{name} is not a rigid motion: it mirrors (its axes are left-handed); turn one axis round:\n{pose}")
-    if (pose[3] != (0, 0, 0, 1)).any():
-        raise InvalidInput(f"{name} has the last row {pose[3]}; it must be 0 0 0 1 (is the pose transposed?):\n{pose}")
     return pose
 
 

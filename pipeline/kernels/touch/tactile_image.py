@@ -12,8 +12,7 @@ from PIL import Image
 from pipeline.kernels.arrays import WHITE, Array
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.touch.calibrated_shading import indentation_change, polynomial_background
-from pipeline.kernels.touch.depth_maps import gel_surface
-from pipeline.kernels.touch.pressed_gel import press_gel
+from pipeline.kernels.touch.depth_maps import gel_surface, press_gel
 from pipeline.kernels.touch.sensor import Calibration, Lights, Sensor
 
 
@@ -87,7 +86,10 @@ def tactile_image(
 def render_gel(indentation: Array, sensor: Sensor, rng: np.random.Generator | None = None) -> NDArray[np.uint8]:
     """Compute the tactile image (rows, cols, 3) of a gel that lies below its rest by an indentation (rows, cols), m."""
     if sensor.calibrated is None:
-        image: NDArray[Any] = _lamp_image(indentation, sensor)
+        rest, untouched = _resting_surface(sensor)
+        image: NDArray[Any] = untouched.copy()  # pixels at rest stay as they are
+        z = indentation / sensor.width
+        _shade(rest + z if rest.any() else z, rest, sensor, image)
     else:
         image = background(sensor, sensor.calibrated) + indentation_change(indentation, sensor, sensor.calibrated)
     if rng is not None and sensor.noise != "none":
@@ -123,14 +125,6 @@ def background(sensor: Sensor, calibration: Calibration) -> Array:  # (rows, col
 @lru_cache(maxsize=8)
 def _decoded(photograph: bytes) -> Array:
     return np.asarray(Image.open(io.BytesIO(photograph)).convert("RGB"), np.float64)
-
-
-def _lamp_image(bump: Array, sensor: Sensor) -> NDArray[np.uint8]:
-    """Shade the indented pixels by equations 2 to 5; elsewhere keep the untouched image."""
-    rest, image = _resting_surface(sensor)
-    image = image.copy()
-    _shade(rest + bump / sensor.width if rest.any() else bump / sensor.width, rest, sensor, image)
-    return image
 
 
 @lru_cache(maxsize=8)

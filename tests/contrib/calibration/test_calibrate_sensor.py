@@ -15,7 +15,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor, sensor_files
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import background, tactile_image, untouched_image
-from pipeline.real_touch.read_touch import TouchReader
+from pipeline.real_touch import TouchReader
 
 BALL = 0.002
 TRUE = load_sensor("gelsight").model_copy(update={"rows": 160, "cols": 213, "noise": 1.0, "membrane": 0.0009, "gel": None})

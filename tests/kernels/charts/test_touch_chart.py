@@ -32,5 +32,5 @@ def test_faces_cover_the_square_once_and_look_up(side: int) -> None:
 
 @pytest.mark.parametrize("side", [-1, 0, 1, 2, 8])
 def test_chart_square_rejects_even_or_small_sides(side: int) -> None:
-    with pytest.raises(ValueError, match=f"side {side}"):
+    with pytest.raises(ValueError, match=f"it is {side}"):
         chart_square(side)

@@ -99,11 +99,11 @@ def test_ray_through_the_hub_of_a_fan_hits_it() -> None:
     ("pose", "named"),
     [
         (np.eye(4)[:3], r"\(3, 4\)"),
-        (np.full((4, 4), np.nan), "NaN"),
+        (np.full((4, 4), np.nan), "rigid"),
         (2 * np.eye(4), "rigid"),
         (np.diag([1.0, 1, -1, 1]), "rigid"),
-        (pose_at(np.array([0.1, 0.2, 0.3]), np.array([0, 0, 1.0]), 0.01).T, "last row"),
-        (np.diag([1.0, 1, 1, 2]), "last row"),
+        (pose_at(np.array([0.1, 0.2, 0.3]), np.array([0, 0, 1.0]), 0.01).T, "rigid"),
+        (np.diag([1.0, 1, 1, 2]), "rigid"),
     ],
 )
 def test_invalid_poses_are_rejected(pose: np.ndarray, named: str) -> None:

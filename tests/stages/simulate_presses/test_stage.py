@@ -9,8 +9,7 @@ import yaml
 from pipeline.dataset.object_rows import ObjectRows, touch_sensor
 from pipeline.errors import InvalidInput, StageError
 from pipeline.formats.description_file import description_path
-from pipeline.kernels.touch.depth_maps import impression
-from pipeline.kernels.touch.pressed_gel import press_gel, scaled_gel
+from pipeline.kernels.touch.depth_maps import impression, press_gel, scaled_gel
 from pipeline.kernels.touch.tactile_image import render_gel
 from stages.registry import resolve
 from stages.simulate_presses import SimulatePresses, pressed_sensor
@@ -122,7 +121,10 @@ def test_unusable_settings_are_named(assignment, message):
     [
         (["depth=[0.001, 0.005]"], "0.005 m, the gel of gelsight is 0.004 m thick"),
         (["sensor=gel_16mm", "gel=[0.5, 2]"], "gel_16mm has neither membrane nor gel"),
-        (["sensor={soft}", "gel=[0.02, 2]"], "0.000136 m thick.*; begin gel at 0.06"),  # 6.8 mm, in cells of a third of a millimetre
+        (
+            ["sensor={soft}", "gel=[0.02, 2]"],
+            "0.000136 m thick.*: make the gel at least as thick",
+        ),  # 6.8 mm, in cells of a third of a millimetre
     ],
 )
 def test_gel_that_cannot_be_pressed_so_is_refused_before_the_run(surfaces, tmp_path, assignments, words):

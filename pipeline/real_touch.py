@@ -1,6 +1,7 @@
-"""Read depth, contact, normals and points in photographs with a sensor's network, and write them to files."""
+"""Photographs of a gel: read depth, contact, normals and points in them with a sensor's network, and train one for one's own sensor."""
 
 import io
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -16,14 +17,18 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.formats.image_file import SUFFIXES, image_files
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.depth_maps import gel_surface
+from pipeline.kernels.touch.depth_maps import gel_surface, press_gel, scaled_gel
 from pipeline.kernels.touch.photograph_faults import photograph_faults, rim_change, stop_at, untouched_faults
-from pipeline.kernels.touch.sensor import Sensor, masked_points, resample, sensor_differences
+from pipeline.kernels.touch.press_shapes import random_press
+from pipeline.kernels.touch.sensor import Sensor, masked_points, resample, resample_longer_side, sensor_differences
+from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.models.model_files import DESCRIPTION
 from pipeline.models.shipped_weights import shipped_sensor_network
-from pipeline.models.touch_model import LocalTouchModel, load_touch_model
+from pipeline.models.touch_model import LocalTouchModel, load_touch_model, save_touch_model
+from pipeline.rng import numpy_rng
 from pipeline.store.atomic import write_atomically
 from pipeline.store.record import named_location
+from stages.train_touch import Presses, SimulatedPress, TouchTrainingSettings, train_local_network
 
 ZARR = "touches.zarr"
 MODEL_SUFFIX = "-touch"
@@ -36,6 +41,13 @@ DEEPEST = 2**16 - 1
 RIM_SHARE = 0.03
 """Share of the rim that shows a press, above which the rim counts as pressed. Of public photographs, 26 of 28 whose contact the rim cuts
 have more, and 14 of 84 whose contact lies a radius or more away from it, because light drifts."""
+INPUT_PIXELS = 160
+"""Pixels along the longer side of a network's input, as in `simulate-presses`."""
+PRESSES, WATCHED, STEPS = 1200, 16, 1200
+"""Presses to train on, and to validate on; training steps, for any number of presses."""
+GEL = (0.6, 1.5)
+"""Least and greatest factor of the gel's thickness per press: photographs of balls do not determine it better. Much thinner gels touch the
+object where thicker ones only sink beside it, and contact would become ambiguous."""
 REMEDY = "train one with `vt-pipeline calibrate-sensor --train` or `vt-pipeline run train-touch`, and name its folder with --model"
 
 
@@ -200,3 +212,46 @@ def camera_frames(number: int) -> Iterator[NDArray[np.uint8]]:
             yield np.ascontiguousarray(frame[:, :, ::-1])  # BGR
     finally:
         capture.release()
+
+
+def train_sensor_network(
+    sensor: Sensor,
+    *,
+    seed: int = 0,  # of presses and training
+    presses: int = PRESSES,  # to learn from
+    settings: TouchTrainingSettings | None = None,  # by default those of `train-touch`, for `STEPS` steps
+) -> tuple[LocalTouchModel, dict[str, Any]]:  # and facts about the training
+    """Train a local network to read a sensor's photographs, from its file alone: random presses in memory, and no dataset."""
+    if settings is None:
+        settings = TouchTrainingSettings()
+        settings = settings.model_copy(update={"epochs": max(1, round(STEPS * settings.batch_size / presses))})
+    network_sensor = resample_longer_side(sensor, INPUT_PIXELS)
+    training, watched = (
+        random_presses(network_sensor, count, press_seed) for count, press_seed in ((presses, 2 * seed), (WATCHED, 2 * seed + 1))
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        network, facts = train_local_network(training, watched, settings, folder=Path(folder), seed=seed)
+    return LocalTouchModel(network, training.sensor, training.untouched), facts
+
+
+def random_presses(
+    sensor: Sensor,  # with as many pixels as the images shall have
+    count: int,
+    seed: int,  # of all draws
+    gel: tuple[float, float] = GEL,  # least and greatest factor of gel thickness or membrane width, drawn per press
+) -> Presses:
+    """Press random shapes into a sensor; they stay in memory."""
+    presses = []
+    for number in range(count):
+        rng = numpy_rng(seed, "random-presses", number)
+        press = random_press(sensor, rng)
+        varied = scaled_gel(sensor, rng.uniform(*gel))
+        state = press_gel(press.depth, varied)
+        presses.append(SimulatedPress(render_gel(state.indentation, varied, rng), state.indentation.astype(np.float32), state.contact))
+    return Presses(sensor, untouched_image(sensor), [f"random press {number}" for number in range(count)], presses.__getitem__)
+
+
+def save_sensor_network(model: LocalTouchModel, folder: Path) -> None:
+    """Write a network into a folder, which is made where it is missing."""
+    folder.mkdir(parents=True, exist_ok=True)
+    save_touch_model(folder, model.network, sensor=model.sensor, untouched=model.untouched)
