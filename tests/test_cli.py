@@ -21,13 +21,9 @@ from pipeline.formats.description_file import shipped_files
 from pipeline.tradeoff.sweep import point_folder
 from stages.registry import STAGES, load_stage, make_request
 from stages.sample_surfaces import SurfaceSettings
+from tests.command_line import invoke
 
 RUN = ["run", "sample-surfaces"]
-
-
-def invoke(*arguments: str) -> tuple[int, str]:
-    result = CliRunner().invoke(app, [*arguments])
-    return result.exit_code, " ".join(result.output.split())
 
 
 def test_stages_lists_every_setting_with_its_reason():
