@@ -215,7 +215,7 @@ def test_texture_coordinates_of_corners_stay_with_their_corners(tmp_path: Path) 
     mesh = read(tmp_path, faces=faces, of_face=(LIST, "list uchar float texcoord"), comments=PAGES[:1])
     assert mesh.look.uv[mesh.faces].tolist()[:3] == [
         [[0, 0], [1, 0], [1, 1]],
-        [[0, 0], [1, 1], [0, 1]],
+        [[1, 1], [0, 1], [0, 0]],
         [[0.5, 0.5], [0.25, 0.5], [0.5, 0.25]],
     ]
     assert colors(mesh) == [RED, RED, RED, GREY[:3]]
