@@ -17,8 +17,8 @@ from pipeline.kernels.touch.sensor import Sensor, resample
 from pipeline.store import digest
 from pipeline.store.directory import DataDirectory
 from pipeline.tradeoff.measure import Setup, linked_copy, measure_points, stages_before, trade_key
-from pipeline.tradeoff.measured import MeasuredTrade, Point, kilobytes, times_of
 from pipeline.tradeoff.sweep import file_name
+from pipeline.tradeoff.trades import MeasuredTrade, Point, kilobytes, times_of
 from stages.evaluate.evaluation_files import chamfer_by_object, evaluation_name
 from stages.registry import load_stage
 

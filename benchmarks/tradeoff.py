@@ -19,10 +19,9 @@ from benchmarks.provenance import provenance
 from pipeline.config.manifest import load_manifest
 from pipeline.console import console
 from pipeline.store.atomic import write_atomically
-from pipeline.tradeoff.advice import Workload, within_time
 from pipeline.tradeoff.measure import Setup, measure_trade, stratified
-from pipeline.tradeoff.measured import MeasuredTrade, read_trade
 from pipeline.tradeoff.trade_pictures import draw_trade
+from pipeline.tradeoff.trades import MeasuredTrade, Workload, read_trade, within_time
 from stages.registry import DATASET, TRADED
 
 MANIFEST = Path(__file__).with_suffix(".yaml")

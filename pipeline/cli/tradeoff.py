@@ -28,9 +28,8 @@ from pipeline.tradeoff import sweep as sweeps
 from stages.registry import DATASET, STAGES, TRADED, assignment, default_location, load_stage, make_request, resolve
 
 if TYPE_CHECKING:  # the commands below import these when they are called: scipy and matplotlib take most of a second
-    from pipeline.tradeoff.advice import Choice, Workload
     from pipeline.tradeoff.measure import Setup
-    from pipeline.tradeoff.measured import MeasuredTrade
+    from pipeline.tradeoff.trades import Choice, MeasuredTrade, Workload
 
 
 def tradeoff(
@@ -83,8 +82,8 @@ def tradeoff(
 
 def _show(trade: MeasuredTrade, data: Path) -> None:
     """Print a trade, and draw it beside its figures."""
-    from pipeline.tradeoff.measured import FOLDER
     from pipeline.tradeoff.trade_pictures import draw_trade, trade_table
+    from pipeline.tradeoff.trades import FOLDER
 
     show_tables(console, [trade_table(trade)])
     if trade.points:
@@ -109,8 +108,8 @@ def advise(
     It chooses among what `vt-pipeline tradeoff` measured. With --within: the most accurate within that time; with --error: the fastest
     within that error.
     """
-    from pipeline.tradeoff.advice import Workload, parse_duration, parse_limit, within_error, within_time
     from pipeline.tradeoff.measure import Setup
+    from pipeline.tradeoff.trades import Workload, parse_duration, parse_limit, within_error, within_time
 
     if (within is None) == (error is None):
         fail("give either --within or --error")
@@ -138,7 +137,7 @@ def advise(
 def _current(setup: Setup) -> list[MeasuredTrade]:
     """Read the trades that were measured with these settings and this code; fail if one that makes a dataset is missing."""
     from pipeline.tradeoff.measure import trade_key
-    from pipeline.tradeoff.measured import read_trade
+    from pipeline.tradeoff.trades import read_trade
 
     trades = []
     for stage in TRADED:

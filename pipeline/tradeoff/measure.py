@@ -26,8 +26,8 @@ from pipeline.formats.file_content import regular_stat
 from pipeline.rng import numpy_rng
 from pipeline.store import digest
 from pipeline.store.record import processor
-from pipeline.tradeoff.measured import FOLDER, MeasuredTrade, Point, files_of, kilobytes, read_trade, times_of
 from pipeline.tradeoff.sweep import file_name
+from pipeline.tradeoff.trades import FOLDER, MeasuredTrade, Point, files_of, kilobytes, read_trade, times_of
 from stages.registry import GRASP_STAGES, TRADED, assignment, load_stage, load_trade, resolve
 
 TOUCH_ALONE = ("train-gcn.configuration=touch", "evaluate.configurations=[touch]")

@@ -11,7 +11,7 @@ from matplotlib.transforms import BboxBase
 
 from pipeline.console import Row, Table, pluralise
 from pipeline.drawing.plots import INK, themed_svg
-from pipeline.tradeoff.measured import MeasuredTrade, Point
+from pipeline.tradeoff.trades import MeasuredTrade, Point
 from stages.registry import resolve
 
 BLUE, RED = "#4477aa", "#cc3311"

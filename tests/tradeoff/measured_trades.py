@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from pipeline.tradeoff.measured import MeasuredTrade, Point
+from pipeline.tradeoff.trades import MeasuredTrade, Point
 
 
 def point(label: str, seconds: float, errors: Sequence[float], **changes: object) -> Point:

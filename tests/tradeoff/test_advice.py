@@ -8,8 +8,18 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InvalidInput, StoreError
-from pipeline.tradeoff.advice import Limit, Workload, choices, parse_duration, parse_limit, within_error, within_time
-from pipeline.tradeoff.measured import MeasuredTrade, read_trade, trade_path
+from pipeline.tradeoff.trades import (
+    Limit,
+    MeasuredTrade,
+    Workload,
+    choices,
+    parse_duration,
+    parse_limit,
+    read_trade,
+    trade_path,
+    within_error,
+    within_time,
+)
 from tests.tradeoff.measured_trades import point, trade
 
 LOAD = Workload(objects=10, cores=2)

@@ -21,7 +21,7 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.store.directory import DataDirectory
 from pipeline.tradeoff.measure import FEWEST, MOST, Setup, candidates, forecast, measure_trade, stages_before, stratified, trade_key
-from pipeline.tradeoff.measured import FOLDER, MeasuredTrade, read_trade, trade_path
+from pipeline.tradeoff.trades import FOLDER, MeasuredTrade, read_trade, trade_path
 from schemas.surfaces import SURFACES
 from stages.registry import TRADED, load_trade
 from stages.simulate_grasps.stage import sensors_of_grasps

@@ -37,8 +37,8 @@ from pipeline.store.record import Failure
 from pipeline.store.storage import Location, exists, remove
 from pipeline.tables.supplement_figures import PAPER
 from pipeline.tables.touch_tables import ObjectTouches, joined, touch_tables
-from pipeline.tradeoff.measured import read_trade
 from pipeline.tradeoff.trade_pictures import draw_trade, used_point
+from pipeline.tradeoff.trades import read_trade
 from stages.registry import TRADED
 
 ASSETS = Path(pipeline.__file__).parent / "assets" / "report"
