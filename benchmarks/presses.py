@@ -9,8 +9,8 @@ from scipy import fft
 
 from benchmarks.timing import Table, over_items, quantiles, side_by_side
 from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.touch.depth_maps import press_gel
 from pipeline.kernels.touch.press_shapes import random_press
-from pipeline.kernels.touch.pressed_gel import press_gel
 from pipeline.kernels.touch.sensor import Gel
 from pipeline.kernels.touch.tactile_image import tactile_image
 

@@ -18,8 +18,8 @@ from benchmarks.real_touch.scores import Reading, mean_scores, score
 from benchmarks.ship_weights import check_size
 from pipeline.entries import Entries
 from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.touch.depth_maps import press_gel
 from pipeline.kernels.touch.press_shapes import press_relief
-from pipeline.kernels.touch.pressed_gel import press_gel
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.models.shipped_weights import CARD, SENSORS, SHIPPED, TrainedOn

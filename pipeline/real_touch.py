@@ -17,10 +17,9 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.formats.image_file import SUFFIXES, image_files
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.depth_maps import gel_surface
+from pipeline.kernels.touch.depth_maps import gel_surface, press_gel, scaled_gel
 from pipeline.kernels.touch.photograph_faults import photograph_faults, rim_change, stop_at, untouched_faults
 from pipeline.kernels.touch.press_shapes import random_press
-from pipeline.kernels.touch.pressed_gel import press_gel, scaled_gel
 from pipeline.kernels.touch.sensor import Sensor, masked_points, resample, resample_longer_side, sensor_differences
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.models.model_files import DESCRIPTION

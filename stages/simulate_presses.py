@@ -12,10 +12,9 @@ from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor, sensor_files
-from pipeline.kernels.touch.depth_maps import quantise_depth
+from pipeline.kernels.touch.depth_maps import normal_force, press_gel, quantise_depth, scaled_gel
 from pipeline.kernels.touch.elastic_contact import check_layer
 from pipeline.kernels.touch.press_shapes import SHAPES, Press, PressRanges, random_patch, random_press
-from pipeline.kernels.touch.pressed_gel import normal_force, press_gel, scaled_gel
 from pipeline.kernels.touch.ray_depth import box_faces
 from pipeline.kernels.touch.sensor import MAX_PIXELS_PER_SIDE, Sensor, resample_longer_side
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image

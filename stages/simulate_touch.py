@@ -129,8 +129,7 @@ def _touch(
     rng: np.random.Generator | None,
 ) -> Row:
     """Compute one sensor's arrays; tactile image and local points follow from the depth as it is stored."""
-    from pipeline.kernels.touch.depth_maps import local_points, quantise_depth
-    from pipeline.kernels.touch.pressed_gel import normal_force, press_gel
+    from pipeline.kernels.touch.depth_maps import local_points, normal_force, press_gel, quantise_depth
     from pipeline.kernels.touch.ray_depth import ray_depth, sphere_traced_depth
     from pipeline.kernels.touch.tactile_image import render_gel
 

@@ -21,13 +21,9 @@ from pipeline.formats.description_file import shipped_files
 from pipeline.tradeoff.sweep import point_folder
 from stages.registry import STAGES, load_stage, make_request
 from stages.sample_surfaces import SurfaceSettings
+from tests.command_line import invoke
 
 RUN = ["run", "sample-surfaces"]
-
-
-def invoke(*arguments: str) -> tuple[int, str]:
-    result = CliRunner().invoke(app, [*arguments])
-    return result.exit_code, " ".join(result.output.split())
 
 
 def test_stages_lists_every_setting_with_its_reason():
@@ -114,7 +110,6 @@ def test_up_to_date_run_imports_neither_executor_nor_torch(tmp_path):
         ),
         (["sweep", "train-gcn", "--grid", "gcn_features=16,32,16", "--dry-run"], "16 is named twice; name each value once"),
         (["sweep", "train-gcn", "--grid", "train-gcn.epochs=1,2"], "and without its stage: SETTING=VALUE,VALUE"),
-        (["tradeoff", "train-unet", "--until", "evaluate"], "--until evaluate measures whole pipelines; leave train-unet out"),
         (["status", "pyproject.toml"], "pyproject.toml is not a data directory; make one with `vt-pipeline run`, or name another"),
         (["summary", "pyproject.toml"], "pyproject.toml is a file, or below one; give a data directory"),
         (["predict", "a.ply", "--grasp", "3"], "--grasp is of a data directory: name --data and --object"),

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.transforms import invert_pose
-from pipeline.kernels.touch.depth_maps import in_gel, touch_success
+from pipeline.kernels.touch.depth_maps import in_gel, normal_force, press_gel, touch_success
 from pipeline.kernels.touch.elastic_contact import PressedGel
-from pipeline.kernels.touch.pressed_gel import normal_force, press_gel
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sensor_to_world
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image

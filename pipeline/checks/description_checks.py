@@ -19,8 +19,7 @@ from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh_cleaning import POSITION
 from pipeline.kernels.touch.calibrated_shading import fitted_range, slope_degrees
-from pipeline.kernels.touch.depth_maps import gel_surface
-from pipeline.kernels.touch.pressed_gel import normal_force, press_gel
+from pipeline.kernels.touch.depth_maps import gel_surface, normal_force, press_gel
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.kernels.vision.camera import camera_pose, project_points, projection_matrix

@@ -10,9 +10,7 @@ from pathlib import Path
 import pytest
 import trimesh
 import yaml
-from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.cluster import slurm
 from pipeline.cluster.slurm_jobs import Job, dependency, load_cluster, script_of
 from pipeline.errors import InvalidInput
@@ -20,6 +18,7 @@ from pipeline.formats.description_file import description_path
 from pipeline.store.storage import as_location
 from stages.registry import STAGES, resolve
 from tests.cluster.planned_jobs import SHIPPED, plan, submission
+from tests.command_line import vt
 
 EVERY_CONFIGURATION = ("none", "touch", "occluded", "occluded-touch", "unoccluded", "unoccluded-touch")
 
@@ -176,6 +175,4 @@ def test_unusable_cluster_file_is_refused_with_entry_and_remedy(changes, message
 def test_units_are_passed_to_the_tasks(tmp_path):
     trimesh.creation.box((80, 60, 40)).export(tmp_path / "box.stl")
     command = ["submit", "sample-surfaces", "--manifest", "directory", "--objects", str(tmp_path), "--data", str(tmp_path / "data")]
-    result = CliRunner().invoke(app, [*command, "--units", "mm", "--up", "y", "--dry-run"])
-    assert result.exit_code == 0, result.output
-    assert "--units mm --up y" in result.output
+    assert "--units mm --up y" in vt(*command, "--units", "mm", "--up", "y", "--dry-run")

@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zarr
-from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.engine.stage import Unit
 from pipeline.errors import StoreError
 from pipeline.store import garbage
@@ -22,6 +20,7 @@ from pipeline.store.validate import problems_below
 from pipeline.tables.status import read_account
 from schemas.base import Array
 from schemas.catalogue import ARTIFACTS
+from tests.command_line import vt
 from tests.engine.tiny_stages import (
     CONSOLE,
     MEAN,
@@ -283,9 +282,8 @@ def publish_evaluation(data: Path, content: str) -> Path:
 
 def test_garbage_is_collected_in_data_directories_only(tmp_path):
     (leftover := tmp_path / f"notes.{TOKEN}.tmp").touch()
-    result = CliRunner().invoke(app, ["collect-garbage", str(tmp_path), "--older-than", "0"])
-    assert result.exit_code == 1
-    assert "is not a data directory: it has no dataset.json, and no record" in " ".join(result.output.split())
+    printed = vt("collect-garbage", tmp_path, "--older-than", "0", fails=True)
+    assert "is not a data directory: it has no dataset.json, and no record" in printed
     assert leftover.exists()
 
 
@@ -321,9 +319,8 @@ def test_garbage_collection_does_not_follow_links(tmp_path):
     for path in (data, tmp_path / "linked"):
         if path != data:
             path.symlink_to(data)
-        result = CliRunner().invoke(app, ["collect-garbage", str(path), "--older-than", "0"])
-        assert result.exit_code == 0
-        assert f"{path / 'noise'} is a symbolic link: nothing is removed from {elsewhere}" in " ".join(result.output.split())
+        printed = vt("collect-garbage", path, "--older-than", "0")
+        assert f"{path / 'noise'} is a symbolic link: nothing is removed from {elsewhere}" in printed
     assert not list(data.glob("*-0123456789abcdef"))
     assert not list(data.glob("*.tmp"))
     assert all(path.read_text() == "of value" for path in others)

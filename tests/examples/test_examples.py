@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
-from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.store.directory import DataDirectory
 from stages.evaluate.evaluation_files import read_figures
+from tests.command_line import vt
 from tests.stages import ball_dataset as spheres
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -70,8 +69,7 @@ def test_method_of_twenty_lines_is_scored(run, data, tmp_path):
     with pytest.raises(SystemExit, match=r"Usage: python examples/score_a_method\.py DATA FOLDER"):
         run("score_a_method")
     assert "2 spheres in" in run("score_a_method", data, tmp_path / "sphere")
-    done = CliRunner().invoke(app, ["score", str(tmp_path / "sphere"), str(data)])
-    assert done.exit_code == 0, done.output
+    vt("score", tmp_path / "sphere", data)
     figures = read_figures(DataDirectory(data).verified_folder("scores/sphere"))["sphere"]
     assert (figures.per_object("mean_distance") < 0.02).all()  # the objects are balls: their touches decide on radius and place
     assert (figures.available("iou") > 0.7).all()
@@ -79,11 +77,10 @@ def test_method_of_twenty_lines_is_scored(run, data, tmp_path):
 
 @pytest.mark.parametrize("name", ["grasp", "rgbd"])
 def test_observations_have_no_faults_for_the_shipped_network(name, tmp_path):
-    done = CliRunner().invoke(app, ["check", str(EXAMPLES / "robot_grasp" / f"{name}.yaml"), "--picture", str(tmp_path / "a.png")])
-    assert done.exit_code == 0, done.output
-    assert "no faults" in done.output
-    assert "with model implicit-any:" in done.output
-    assert ("patches of the visible surface" in done.output) == (name == "rgbd")
+    output = vt("check", EXAMPLES / "robot_grasp" / f"{name}.yaml", "--picture", tmp_path / "a.png")
+    assert "no faults" in output
+    assert "with model implicit-any:" in output
+    assert ("patches of the visible surface" in output) == (name == "rgbd")
     with Image.open(tmp_path / "a.png") as picture:
         assert picture.width > 1500  # and what the network is given
 
@@ -91,8 +88,7 @@ def test_observations_have_no_faults_for_the_shipped_network(name, tmp_path):
 @pytest.mark.slow
 def test_rgbd_observation_gives_a_closed_mesh_at_the_object(tmp_path):
     options = ["predict", str(tmp_path / "a.ply"), "--observation", str(EXAMPLES / "robot_grasp" / "rgbd.yaml"), "--surface", "closed"]
-    done = CliRunner().invoke(app, [*options, "--resolution", "64"])
-    assert done.exit_code == 0, done.output
+    vt(*options, "--resolution", "64")
     mesh = trimesh.load(tmp_path / "a.ply")
     assert mesh.is_watertight
     assert np.linalg.norm(mesh.bounds.mean(axis=0) - [0.62, -0.17, 0.25]) < 0.1

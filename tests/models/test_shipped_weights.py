@@ -7,11 +7,9 @@ import pytest
 import torch
 import trimesh
 import yaml
-from typer.testing import CliRunner
 
 from benchmarks import ship_sensor_weights, ship_weights
 from benchmarks.ship_sensor_weights import SensorCard, sensor_card_path
-from pipeline.cli import app
 from pipeline.errors import StageError, StoreError
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.networks.unet import UNet
@@ -29,6 +27,7 @@ from pipeline.models.touch_model import save_touch_model
 from pipeline.real_touch import TouchReader
 from pipeline.reconstruct.predict import PredictOptions
 from stages.train_touch import TouchTrainingSettings
+from tests.command_line import vt
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset as spheres
 
@@ -97,8 +96,7 @@ def test_shipping_replaces_its_files_and_keeps_the_networks_of_sensors(shipped):
 def test_predict_without_models_uses_the_shipped_network(data, shipped, tmp_path):
     assert shipped_models() == shipped
     bare = shutil.copytree(data, tmp_path / "bare", ignore=shutil.ignore_patterns("models", "evaluation*"))
-    done = CliRunner().invoke(app, ["predict", str(tmp_path / "out.ply"), "--data", str(bare), "--object", "b"])
-    assert done.exit_code == 0, done.output
+    vt("predict", tmp_path / "out.ply", "--data", bare, "--object", "b")
     assert trimesh.load(tmp_path / "out.ply").is_watertight
     assert PredictOptions().network() == (shipped, NETWORK)
     assert PredictOptions(models_location("shipped")).network(data) == (shipped, NETWORK)

@@ -27,6 +27,7 @@ from pipeline.models.touch_model import save_touch_model
 from pipeline.reconstruct.mesh_files import ClosedMesh, write_closed
 from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.store.directory import DataDirectory
+from tests.command_line import vt
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset as spheres
 
@@ -124,10 +125,7 @@ def test_implicit_any_uses_the_inputs_that_an_observation_has(data, grasp, tmp_p
     ]
     np.testing.assert_array_equal(predictions[0].reconstruction.vertices, predictions[1].reconstruction.vertices)
     assert bool(len(predictions[0].touched)) == ("touch" in inputs)
-    result = CliRunner().invoke(
-        app, ["check", str(file), "--picture", str(tmp_path / "g.png"), "--models", str(data / "models"), "--configuration", "implicit-any"]
-    )
-    assert result.exit_code == 0, result.output
+    vt("check", str(file), "--picture", str(tmp_path / "g.png"), "--models", str(data / "models"), "--configuration", "implicit-any")
 
 
 def test_observation_with_neither_photograph_nor_touch_is_refused(data, grasp, tmp_path):
@@ -334,9 +332,7 @@ def test_invalid_arguments_are_errors(data, tmp_path, out, source, options, erro
     ],
 )
 def test_options_of_the_command_that_exclude_each_other_are_errors(tmp_path, options, words):
-    result = CliRunner().invoke(app, ["predict", str(tmp_path / "ball.ply"), *options])
-    assert result.exit_code == 1
-    assert words in " ".join(result.output.split())
+    assert words in vt("predict", tmp_path / "ball.ply", *options, fails=True)
 
 
 def test_observations_that_do_not_fit_the_model_are_errors(data, grasp, tmp_path):

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 import trimesh
 from rich.console import Console
-from typer.testing import CliRunner
 
 from checks.fuzz.target import seal
-from pipeline.cli import app
 from pipeline.config.settings import Settings
 from pipeline.contrib.report.results import results_tables
 from pipeline.dataset.object_rows import ObjectRows
@@ -27,6 +25,7 @@ from stages.evaluate.evaluation_files import METRICS, read_figures
 from stages.evaluate.files import find_faults, find_files, misplacement, read_surface
 from stages.evaluate.scores import files_digest
 from stages.evaluate.stage import Evaluate, EvaluationSettings
+from tests.command_line import vt
 from tests.engine.tiny_stages import pack
 from tests.stages import ball_dataset as spheres
 
@@ -35,13 +34,6 @@ SPLITS = ("train", "test")
 OBJECTS = spheres.objects(6, SPLITS)
 TESTED = [item.object_id for item in OBJECTS if item.split == "test"]
 CASES = [(1, first) for first in range(5)] + [(2, first) for first in range(5)]
-
-
-def vt(*arguments: object, fails: bool = False) -> str:
-    done = CliRunner().invoke(app, [*map(str, arguments)])
-    assert (done.exit_code != 0) == fails, done.output
-    assert "Traceback" not in done.output
-    return " ".join(done.output.split())
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import torch
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.networks.local_network import LocalNetwork, pixel_positions
-from pipeline.kernels.touch.pressed_gel import scaled_gel
+from pipeline.kernels.touch.depth_maps import scaled_gel
 from pipeline.kernels.touch.sensor import Gel, resample
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 from pipeline.real_touch import random_presses, save_sensor_network

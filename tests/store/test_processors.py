@@ -10,15 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from checks.processors import environment
-from pipeline.cli import app
 from pipeline.engine import executor
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import library_versions, processor, processor_kind
 from pipeline.store.validate import problems_below
 from schemas.catalogue import ARTIFACTS
+from tests.command_line import invoke
 from tests.engine.tiny_stages import NOISE, digest, published, request, run
 from tests.store.test_validate import resealed
 
@@ -45,22 +44,17 @@ def mixed_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def output(*command: str) -> tuple[int, str]:
-    result = CliRunner().invoke(app, [*command])
-    return result.exit_code, " ".join(result.output.split())
-
-
 def test_several_kinds_of_processors_are_marked_and_fail_a_strict_check_alone(mixed_data: Path, tmp_path_factory) -> None:
     other = tmp_path_factory.mktemp("alone")
     run(request(other))
     assert published(other).processors() == {HERE: 5}
     assert digest(mixed_data) == digest(other)
-    assert output("validate", "--strict", str(other))[0] == 0
+    assert invoke("validate", "--strict", str(other))[0] == 0
     assert published(mixed_data).processors() == {HERE: 3, OTHER_KIND: 2}
-    code, text = output("status", str(mixed_data))
+    code, text = invoke("status", str(mixed_data))
     assert (code, text.count("computed by several kinds of processors")) == (0, 1)
-    assert output("validate", str(mixed_data))[0] == 0
-    code, text = output("validate", "--strict", str(mixed_data))
+    assert invoke("validate", str(mixed_data))[0] == 0
+    code, text = invoke("validate", "--strict", str(mixed_data))
     assert code == 1
     assert f"2 kinds of processors ({HERE}: 3 rows; {OTHER_KIND}: 2 rows)" in text
     assert run(request(mixed_data, count=6)) == 1  # the other rows are packed again with their records

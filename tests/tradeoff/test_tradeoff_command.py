@@ -3,19 +3,12 @@
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.config.manifest import load_manifest
-from pipeline.tradeoff.measure import Setup, stage_key
+from pipeline.tradeoff.measure import Setup, trade_key
 from stages.registry import DATASET
+from tests.command_line import invoke
 from tests.tradeoff.measured_trades import point, trade
-
-
-def vt(*arguments: object) -> tuple[int, str]:
-    done = CliRunner().invoke(app, [*map(str, arguments)])
-    assert "Traceback" not in done.output
-    return done.exit_code, " ".join(done.output.split())
 
 
 @pytest.fixture
@@ -27,12 +20,12 @@ def measured(tmp_path: Path) -> Path:
             stage, "points" if stage == "sample-surfaces" else "attempts"
         )
         points = point("own", 2, [1, 1, 1, 1]), point("fast", 1, [2, 2, 2, 2], **{name: 16})
-        trade(stage, "mm", *points).model_copy(update={"key": stage_key(stage, own)}).write(tmp_path)
+        trade(stage, "mm", *points).model_copy(update={"key": trade_key(stage, own)}).write(tmp_path)
     return tmp_path
 
 
 def test_tradeoff_measures_draws_and_prints(tmp_path: Path) -> None:
-    code, output = vt("tradeoff", "sample-surfaces", "--data", tmp_path, "--minutes", 0.1, "--set", "sample-surfaces.directions=16")
+    code, output = invoke("tradeoff", "sample-surfaces", "--data", tmp_path, "--minutes", 0.1, "--set", "sample-surfaces.directions=16")
     assert code == 0
     assert "sample-surfaces: about" in output
     assert "sample-surfaces: distance from the surface to the nearest point, RMS, mm" in output
@@ -44,7 +37,6 @@ def test_tradeoff_measures_draws_and_prints(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (["tradeoff", "evaluate"], "unknown stage evaluate; choose from sample-surfaces"),
-        (["tradeoff", "--until", "train-gcn"], "--until train-gcn: only evaluate ends a pipeline"),
         (["tradeoff", "--data", "s3://bucket/x"], "measure into a folder on this machine"),
         (["advise"], "give either --within or --error"),
         (["advise", "--within", "3h", "--error", "1mm"], "give either --within or --error"),
@@ -58,27 +50,27 @@ def test_tradeoff_measures_draws_and_prints(tmp_path: Path) -> None:
     ],
 )
 def test_error_names_the_remedy(arguments: list[str], message: str) -> None:
-    code, output = vt(*arguments)
+    code, output = invoke(*arguments)
     assert code == 1
     assert message in output
 
 
 def test_advice_keeps_the_limits_of_time_and_error(measured: Path) -> None:
-    code, output = vt("advise", "--data", measured, "--within", "13min", "--objects", 100, "--cores", 1)
+    code, output = invoke("advise", "--data", measured, "--within", "13min", "--objects", 100, "--cores", 1)
     assert code == 0
     assert "100 objects on 1 core" in output
     assert "measured on 4 objects, a machine" in output
     assert output.endswith("--preset draft --set sample-surfaces.points=16")
-    assert "fast" in vt("advise", "--data", measured, "--error", "2.5mm", "--cores", 2)[1]
-    assert "at best 1 mm is kept to" in vt("advise", "--data", measured, "--error", "0.5mm")[1]
+    assert "fast" in invoke("advise", "--data", measured, "--error", "2.5mm", "--cores", 2)[1]
+    assert "at best 1 mm is kept to" in invoke("advise", "--data", measured, "--error", "0.5mm")[1]
     assert (
         "the fastest measured settings take 400 s"
-        in vt("advise", "--data", measured, "--within", "1min", "--objects", 100, "--cores", 1)[1]
+        in invoke("advise", "--data", measured, "--within", "1min", "--objects", 100, "--cores", 1)[1]
     )
 
 
 def test_advice_refuses_figures_of_other_settings(measured: Path) -> None:
-    code, output = vt("advise", "--data", measured, "--within", "1h", "--set", "sample-surfaces.diagonal=0.3")
+    code, output = invoke("advise", "--data", measured, "--within", "1h", "--set", "sample-surfaces.diagonal=0.3")
     assert code == 1
     assert "measured with other settings or other code; name the --data of `vt-pipeline tradeoff`, or run `vt-pipeline tradeoff" in output
     assert "--set sample-surfaces.diagonal=0.3" in output

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.arrays import Array, Indices
 from pipeline.kernels.touch.calibrated_shading import fitted_positions, polynomial_terms
-from pipeline.kernels.touch.pressed_gel import gel_under
+from pipeline.kernels.touch.depth_maps import gel_under
 from pipeline.kernels.touch.sensor import MM, Box, Sensor, pixel_centres
 
 RING = 3.0  # radius of the region around a contact that is fitted and compared, in contact radii

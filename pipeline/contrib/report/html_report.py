@@ -37,7 +37,7 @@ from pipeline.store.record import Failure
 from pipeline.store.storage import Location, exists, remove
 from pipeline.tables.supplement_figures import PAPER
 from pipeline.tables.touch_tables import ObjectTouches, joined, touch_tables
-from pipeline.tradeoff.measured import END_TO_END, read_trade
+from pipeline.tradeoff.measured import read_trade
 from pipeline.tradeoff.trade_pictures import draw_trade, used_point
 from stages.registry import TRADED
 
@@ -245,7 +245,7 @@ def _trades(source: ReportSource, folder: Path) -> list[Picture]:
         return []
     settings = {origin.stage: origin.settings for origin in outside_sweeps(records(source.directory)).values()}
     pictures = []
-    for trade in filter(None, [read_trade(source.directory.root, name) for name in (*TRADED, END_TO_END)]):
+    for trade in filter(None, [read_trade(source.directory.root, name) for name in TRADED]):
         used = used_point(trade, settings[trade.stage]) if trade.stage in settings else None
         file = f"figures/trade-{trade.stage}.svg"
         draw_trade(trade, folder / file, used)

@@ -10,7 +10,7 @@ SHELL: Palette = (WHITE, (210, 210, 206), *STEELS)
 
 
 class Bulb(Model):
-    """Bulbs (pear, globe, candle, reflector, tubes, spiral, halogen), lantern, desk lamp, torch. Millimetres, standing on about z = 0."""
+    """Bulbs and lamps, standing on about z = 0."""
 
     proportions = (Stretch("xy", 0.88, 1.14), Stretch("z", 0.88, 1.14))
 
@@ -24,8 +24,7 @@ class Bulb(Model):
         else:
             self.add(metal, rod(0, high, 11.5, "z"), rod(-15, 15, 2.2).moved(z=0.4 * high))
 
-    def pear(self) -> None:
-        """Model a bulb of the common shape: neck and round head; half of it a shell with fins in some."""
+    def pear(self) -> None:  # a bulb of the common shape: neck and round head; half of it a shell with fins in some
         r, top, neck = self.uniform((27, 95, 13), (36, 125, 17))
         self.cap()
         z = top - r
@@ -36,15 +35,13 @@ class Bulb(Model):
             shell = [(24, 13), (36, neck + 1), (0.5 * (34 + z), 0.78 * r), (0.85 * z, 0.96 * r)]
             self.add(SHELL, column(smooth(shell), count=48, lobes=12, depth=0.05))
 
-    def globe(self) -> None:
-        """Model a large ball on a short neck."""
+    def globe(self) -> None:  # a large ball on a short neck
         r = self.uniform(40, 64)
         self.cap()
         self.add(GLASS, ball((r, r, r)).moved(z=34 + 0.93 * r))
         self.add((*SHELL, *GLASS), lathe([(22, 13), (34, 15), (44, 0.5 * r)], count=32))
 
-    def candle(self) -> None:
-        """Model a slim candle bulb, smooth, twisted or with a bent tip."""
+    def candle(self) -> None:  # a slim candle bulb, smooth, twisted or with a bent tip
         r, top, twist = *self.uniform((16, 98), (21, 130)), self.uniform(0.0, 0.02) * self.integers(0, 2)
         self.cap()
         rows = smooth([(24, 11), (34, 0.8 * r), (52, r), (0.75 * top, 0.62 * r), (top - 4, 3), (top, 1.6)])
@@ -55,16 +52,14 @@ class Bulb(Model):
         flame.vertices[:, 0] += self.uniform(0, 9) * ((flame.vertices[:, 2] - 52).clip(0) / (top - 52)) ** 2
         self.add(GLASS, flame)
 
-    def reflector(self) -> None:
-        """Model a spot bulb: a cone with a flat or domed lens on top."""
+    def reflector(self) -> None:  # a spot bulb: a cone with a flat or domed lens on top
         r, top, dome = self.uniform((30, 75, 2), (60, 130, 16))
         self.cap()
         self.add(SHELL, lathe([(22, 12), (32, 14), (0.6 * top, 0.72 * r), (top - 4, r), (top, r)], count=40))
         lens = lathe([(top - 1, 0.96 * r), (top + 0.5 * dome, 0.8 * r), (top + dome, 0.3 * r)], count=40)
         self.add(GLASS, lens)
 
-    def tubes(self) -> None:
-        """Model an energy-saving lamp of two to four bent tubes on a ballast."""
+    def tubes(self) -> None:  # an energy-saving lamp of two to four bent tubes on a ballast
         count, r, top = self.integers(2, 5), *self.uniform((5.5, 100), (8.0, 160))
         self.cap(22)
         self.add((WHITE, *SHELL), lathe([(18, 13), (26, 24), (44, 25), (52, 21)], count=36))
@@ -75,8 +70,7 @@ class Bulb(Model):
             tube = sweep(path, 1.6 * r, 1.6 * r, 2.0).moved(y=(number - (count - 1) / 2) * 1.7 * r)
             self.add(GLASS[:3], tube.turned("z", 0.0 if count < 4 else 0.4))
 
-    def spiral(self) -> None:
-        """Model an energy-saving lamp with a coiled tube."""
+    def spiral(self) -> None:  # an energy-saving lamp with a coiled tube
         turns, r, pitch, thick = self.uniform((2.2, 17, 15, 5.0), (4.2, 24, 19, 6.6))
         self.cap(22)
         self.add((WHITE, *SHELL), lathe([(18, 13), (26, 23), (44, r + 5), (50, r)], count=36))
@@ -85,8 +79,7 @@ class Bulb(Model):
         rows += [*((44 + (top - 44) * share, r, thick) for share in (0.2, 0.5, 0.8)), (top, 0.35 * r, thick)]
         self.add(GLASS[:3], coil(rows, turns))
 
-    def halogen(self) -> None:
-        """Model a small spot on two pins: a faceted cup and its lens."""
+    def halogen(self) -> None:  # a small spot on two pins: a faceted cup and its lens
         r, high, lobes = *self.uniform((22, 38), (30, 52)), self.integers(9, 15)
         self.add(STEELS, *(rod(-12, 6, 1.8, "z").moved(x) for x in (-3.5, 3.5)))
         base = column([(-2, 9, 5, 5), (14, 9, 6, 5)], count=28)
@@ -94,8 +87,7 @@ class Bulb(Model):
         self.add(SHELL, base, cup)
         self.add(GLASS, column([(high - 1, r), (high + 3, 0.98 * r), (high + 5, 0.7 * r)], count=40))
 
-    def lantern(self) -> None:
-        """Model a camping lantern: base, glass between posts, roof, a ring to carry it."""
+    def lantern(self) -> None:  # a camping lantern: base, glass between posts, roof, a ring to carry it
         r, high, roof = self.uniform((32, 70, 14), (46, 115, 34))
         metal = self.pick(BLACK, *PLASTICS, GOLD)
         self.add(metal, lathe([(0, r), (4, 1.05 * r), (18, r), (24, 0.85 * r)], count=36))
@@ -107,8 +99,7 @@ class Bulb(Model):
         ring = bow([(0.6 * r, top - 8), (0.6 * r, top + 14), (0, top + self.uniform(26, 45))], 5, 5)
         self.add((*STEELS, BLACK), ring)
 
-    def desk_lamp(self) -> None:
-        """Model a table lamp: foot, bent arm or straight stem, a shade over its bulb."""
+    def desk_lamp(self) -> None:  # a table lamp: foot, bent arm or straight stem, a shade over its bulb
         foot, high, shade = self.uniform((48, 150, 34), (75, 240, 60))
         metal = self.pick(*PLASTICS, *STEELS, BLACK, GOLD)
         self.add(metal, lathe([(0, foot), (6, foot), (12, 0.8 * foot), (18, 0.2 * foot)], count=36))
@@ -119,8 +110,7 @@ class Bulb(Model):
         self.add((*PLASTICS, *GLASS), lathe(hood, count=40).turned("y", -tilt).moved(reach, z=high))
         self.add(GLASS, bulb.turned("y", -tilt).moved(reach, z=high))
 
-    def torch(self) -> None:
-        """Model a flashlight standing on its end: knurled body, wider head, switch."""
+    def torch(self) -> None:  # a flashlight standing on its end: knurled body, wider head, switch
         r, high, head = self.uniform((11, 80, 1.2), (18, 150, 2.2))
         body, waves = self.pick(BLACK, *STEELS, *PLASTICS), np.linspace(8, 0.8 * high, 2 * self.integers(4, 12))
         rows = [(0, 0.9 * r), (3, r), *zip(waves, np.resize([r, 0.93 * r], len(waves)), strict=True), (high, r)]

@@ -87,12 +87,11 @@ class Leaf:
 
 
 class Cellphone(Model):
-    """Cellphones: smartphone, bar, brick, flip (open and closed), slider, keyboard phone, organiser. Millimetres, the front faces -y."""
+    """The front faces -y."""
 
     proportions = (Stretch("x", 0.9, 1.1), Stretch("y", 0.8, 1.25), Stretch("z", 0.92, 1.08))
 
-    def smartphone(self) -> None:
-        """Model a slab of glass with icons; a home key, or a notch or punch hole; a camera bump behind."""
+    def smartphone(self) -> None:  # a slab of glass with icons; a home key, or a notch or punch hole; a camera bump behind
         h, old = self.uniform(122, 155), self.chance(0.5)
         leaf = Leaf(self, (68, 9, h), self.pick(*SHELLS))
         leaf.rectangle(0, h / 2, 66, h - 2, self.pick(BLACK, WHITE).color, 6)
@@ -104,8 +103,7 @@ class Cellphone(Model):
         back = self.pick(*SHELLS)
         self.add(back, box((15, 4, self.uniform(17, 40)), 5, 1.2).moved(17, 5.5, h - 27), box((3, 3, 14)).moved(34, z=0.75 * h))
 
-    def bar_phone(self) -> None:
-        """Model a candy bar: display, pad, twelve keys; a stub antenna on some."""
+    def bar_phone(self) -> None:  # a candy bar: display, pad, twelve keys; a stub antenna on some
         leaf, tall = Leaf(self, (47, 18, 117), self.pick(*SHELLS), plate=0.6), self.uniform(23, 31)
         leaf.screen(103 - 0.5 * tall, 31, tall)
         leaf.navigation(64)
@@ -113,8 +111,7 @@ class Cellphone(Model):
         leaf.antenna(0.45, 24, side=self.one_of(-1, 1))
         leaf.add()
 
-    def brick(self) -> None:
-        """Model an early phone: deep body, battery behind, narrow display, big keys, long antenna."""
+    def brick(self) -> None:  # an early phone: deep body, battery behind, narrow display, big keys, long antenna
         leaf, high = Leaf(self, (55, 39, 185), self.pick((60, 60, 62), (206, 200, 184), (90, 92, 88), BLACK)), self.uniform(92, 111)
         leaf.screen(high + 24, 35, 17, lit=0)
         leaf.keypad(22, high)
@@ -123,8 +120,7 @@ class Cellphone(Model):
         leaf.add()
         self.add(self.pick(BLACK, (120, 116, 106)), box((47, self.uniform(12, 22), 115), 10, 3).moved(y=23, z=78))
 
-    def flip(self) -> None:
-        """Model a clamshell open at an angle: keys below, hinge, leaf with the screen leaning forward."""
+    def flip(self) -> None:  # a clamshell open at an angle: keys below, hinge, leaf with the screen leaning forward
         shade, tall = self.pick(*SHELLS), self.uniform(80, 91)
         lower, upper = Leaf(self, (48, 13, 87), shade, plate=0.7), Leaf(self, (48, 10, tall), shade, plate=0.7)
         lower.navigation(64)
@@ -135,8 +131,7 @@ class Cellphone(Model):
         upper.add(z=89, lean=self.uniform(0.15, 0.6))
         self.add((*STEELS, *SHELLS), rod(-22, 22, 6.2).moved(y=-1.3, z=88.5))
 
-    def folded(self) -> None:
-        """Model a clamshell closed: two leaves, hinge on top, small outer display on a disc, camera."""
+    def folded(self) -> None:  # a clamshell closed: two leaves, hinge on top, small outer display on a disc, camera
         shade, disc = self.pick(*SHELLS), self.uniform(15, 40)
         front, rear = Leaf(self, (49, 12, 93), shade), Leaf(self, (49, 12, 93), self.pick(*SHELLS) if self.chance(0.3) else shade)
         for z, size, color in ((50, disc, self.pick(*STEELS).color), (82, 13, self.pick(*STEELS).color), (82, 7, BLACK)):
@@ -148,8 +143,7 @@ class Cellphone(Model):
         rear.add(y=5.8)
         self.add((*STEELS, *SHELLS), rod(-15, 15, 9.5).moved(z=91))
 
-    def slider(self) -> None:
-        """Model two leaves pushed apart: screen and pad on the front one, keys on the rear one."""
+    def slider(self) -> None:  # two leaves pushed apart: screen and pad on the front one, keys on the rear one
         rear, front = Leaf(self, (48, 8.5, 97), self.pick(*SHELLS)), Leaf(self, (48, 8.5, 97), self.pick(*SHELLS), plate=0.3)
         travel, tall = self.uniform((37, 45), (50, 54))
         rear.keypad(5, 0.97 * travel)
@@ -158,16 +152,14 @@ class Cellphone(Model):
         front.navigation(17)
         front.add(y=-8.3, z=travel)
 
-    def keyboard_phone(self) -> None:
-        """Model a broad phone with a small letter keyboard under a landscape screen."""
+    def keyboard_phone(self) -> None:  # a broad phone with a small letter keyboard under a landscape screen
         leaf, split = Leaf(self, (66, 13.5, 114), self.pick(*SHELLS), plate=0.9), self.uniform(44, 53)
         leaf.screen(86, 49, 30, lit=0.9)
         leaf.navigation(split + 7)
         leaf.keypad(9, split - 4, QWERTY)
         leaf.add()
 
-    def organiser(self) -> None:
-        """Model a pocket computer with a phone: large pane, row of hard keys, pen in a slot, thick antenna on some."""
+    def organiser(self) -> None:  # a pocket computer with a phone: large pane, row of hard keys, pen in a slot, thick antenna on some
         leaf, color = Leaf(self, (74, 18, 125), self.pick(*SHELLS), plate=0.7), self.pick(*SHELLS).color
         leaf.screen(72, 52, self.uniform(65, 75), lit=0.6)
         for x in (-25, -15, 0, 15, 25):

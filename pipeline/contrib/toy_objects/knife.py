@@ -12,10 +12,9 @@ LEATHERS: Palette = ((104, 62, 34), (60, 58, 40), (36, 34, 34), (150, 100, 58), 
 
 
 class Knife(Model):
-    """Knives: six for the kitchen (chef, santoku, cleaver, bread, paring, fillet), hunting knife, dagger, pocket knife, table knife.
+    """Along x with the tip at +x, the edge down; blade and handle meet at x = 0.
 
-    Millimetres, along x with the tip at +x, the edge down; blade and handle meet at x = 0. An outline has rows (x, top, bottom) in
-    shares of a blade's length and height, a handle rows (x, bottom z, top z, width).
+    An outline has rows (x, top, bottom) in shares of a blade's length and height, a handle rows (x, bottom z, top z, width).
     """
 
     proportions = (Stretch("x", 0.8, 1.2, start=0), Stretch("x", 0.9, 1.12, end=0), Stretch("yz", 0.88, 1.12))
@@ -82,41 +81,34 @@ class Knife(Model):
         self.add(self.pick(*BLADES), self.blade(size, outline, teeth=teeth))
         self.one_of(self.riveted, self.moulded, self.octagonal, self.hollow_steel)(size[1] - 23)
 
-    def chef(self) -> None:
-        """Model a chef's knife: a broad triangle with a curved belly, the heel below the handle."""
+    def chef(self) -> None:  # a chef's knife: a broad triangle with a curved belly, the heel below the handle
         outline = [(0, 1, 0), (0.25, 1, -0.02), (0.6, 0.97, 0.04), (0.85, 0.92, 0.3), (0.97, 0.85, 0.56), (1, 0.82, 0.68)]
         self.kitchen((215, 48, 5.5), outline)
 
-    def santoku(self) -> None:
-        """Model a santoku: a straight edge, the spine falling to the tip."""
+    def santoku(self) -> None:  # a santoku: a straight edge, the spine falling to the tip
         self.kitchen((165, 46, 5), [(0, 1, 0), (0.55, 1, 0), (0.78, 0.96, 0.03), (0.92, 0.72, 0.09), (0.985, 0.42, 0.16), (1, 0.3, 0.2)])
 
-    def cleaver(self) -> None:
-        """Model a cleaver: a tall blade, square or rounded at the end, with a hole to hang it by."""
+    def cleaver(self) -> None:  # a cleaver: a tall blade, square or rounded at the end, with a hole to hang it by
         nose = self.uniform(0.0, 0.35)
         self.kitchen((180, 94, 6), [(0, 1, 0), (0.5, 1.03, -0.03), (0.93, 1 - 0.2 * nose, 0.02), (1, 1 - nose, 0.1 * nose + 0.02)])
         if self.chance(0.7):
             self.add(self.pick(BLACK), rod(-3.4, 3.4, self.uniform(6, 9), "y").moved(158, z=72))
 
-    def bread(self) -> None:
-        """Model a bread knife: long and even, with scalloped teeth and a blunt end."""
+    def bread(self) -> None:  # a bread knife: long and even, with scalloped teeth and a blunt end
         outline = [(0, 1, 0), (0.5, 1, self.uniform(-0.15, 0)), (0.9, 0.98, 0.02), (0.97, 0.9, 0.16), (1, 0.7, 0.4)]
         self.kitchen((225, 30, 5), outline, teeth=self.integers(14, 28))
 
-    def paring(self) -> None:
-        """Model a paring knife: a short pointed blade, shorter than its handle; straight, or curved like a beak."""
+    def paring(self) -> None:  # a paring knife: a short pointed blade, shorter than its handle; straight, or curved like a beak
         straight = [(0, 1, 0), (0.4, 1, -0.02), (0.75, 0.94, 0.12), (0.95, 0.82, 0.5), (1, 0.76, 0.64)]
         beak = [(0, 1, 0.02), (0.4, 0.98, 0.06), (0.75, 0.72, -0.02), (0.95, 0.22, -0.22), (1, -0.06, -0.28)]
         self.kitchen((84, 24, 4.5), beak if self.chance(0.35) else straight)
 
-    def fillet(self) -> None:
-        """Model a fillet knife: slim and flexible, sweeping up to the tip."""
+    def fillet(self) -> None:  # a fillet knife: slim and flexible, sweeping up to the tip
         up = self.uniform(0.2, 0.9)
         outline = [(0, 1, 0), (0.15, 0.96, 0.1), (0.55, 0.92, 0.1), (0.85, 0.95 + 0.4 * up, 0.3 + 0.4 * up), (1, 1.05 + up, 0.86 + up)]
         self.kitchen((200, 26, 5), outline)
 
-    def hunting(self) -> None:
-        """Model a Bowie knife: clip or drop point, guard; a riveted handle or stacked leather."""
+    def hunting(self) -> None:  # a Bowie knife: clip or drop point, guard; a riveted handle or stacked leather
         clip = [(0, 1, 0), (0.55, 1, 0), (0.64, 0.97, 0.0), (0.8, 0.74, 0.1), (0.94, 0.66, 0.4), (1, 0.66, 0.6)]
         drop = [(0, 1, 0), (0.4, 1.04, -0.04), (0.75, 0.9, 0.06), (0.95, 0.56, 0.34), (1, 0.48, 0.42)]
         self.add(self.pick(*BLADES), self.blade((self.uniform(120, 190), 34, 7), clip if self.chance(0.6) else drop))
@@ -124,8 +116,7 @@ class Knife(Model):
         over, under = self.uniform((2, 6), (14, 20))
         self.add((*STEELS, GOLD), box((9, 26, 34 + over + under), 4, 2.5, "x").moved(z=17 + (over - under) / 2))
 
-    def dagger(self) -> None:
-        """Model a dagger: symmetric, double-edged, with a cross-guard, a grip of rings and a pommel."""
+    def dagger(self) -> None:  # a dagger: symmetric, double-edged, with a cross-guard, a grip of rings and a pommel
         leaf, reach, lean = self.uniform((0.0, 26, -16), (0.12, 52, 22))
         outline = [(0, 0.5 - leaf, leaf - 0.5), (0.35, 0.5, -0.5), (0.75, 0.4, -0.4), (0.95, 0.16, -0.16), (1, 0.06, -0.06)]
         self.add(self.pick(*BLADES), self.blade((215, 34, 8), outline, double=True).moved(z=12))
@@ -134,8 +125,7 @@ class Knife(Model):
         ends = [ball((7, 7, 7)).moved(lean, z=12 + side * reach) for side in (-1, 1)] if self.chance(0.5) else []
         self.add((*STEELS, GOLD, (70, 72, 76)), guard, *ends, ball((10, 11, 13)).moved(-113, z=12))
 
-    def folding(self) -> None:
-        """Model a pocket knife opened, straight or at an angle: bolster, pivot, clip."""
+    def folding(self) -> None:  # a pocket knife opened, straight or at an angle: bolster, pivot, clip
         spear = [(0, 0.9, 0.1), (0.45, 0.98, 0), (0.8, 0.8, 0.12), (0.96, 0.56, 0.4), (1, 0.52, 0.46)]
         tanto = [(0, 0.9, 0.1), (0.1, 1, 0), (0.7, 0.98, 0), (0.76, 0.96, 0.06), (0.96, 0.88, 0.72), (1, 0.88, 0.8)]
         sheep = [(0, 0.9, 0.1), (0.5, 1, 0), (0.8, 0.94, 0), (0.95, 0.5, 0.02), (1, 0.2, 0.06)]
@@ -149,8 +139,7 @@ class Knife(Model):
         if self.chance(0.6):
             self.add(trim, box((48, 3, 6), 6).moved(-75, -9))
 
-    def table_knife(self) -> None:
-        """Model a dinner or butter knife: round tip, handle swelling to the butt, a ring or two; steak teeth in some."""
+    def table_knife(self) -> None:  # a dinner or butter knife: round tip, handle swelling to the butt, a ring or two; steak teeth in some
         metal, broad, teeth = self.pick(*BLADES), self.uniform(0.0, 0.15), self.integers(18, 34) if self.chance(0.4) else 0
         outline = [(0, 0.78, 0.2), (0.12, 0.86, 0.04), (0.6, 0.9 + broad, -broad), (0.85, 0.92 + broad, -broad), (1, 0.64, 0.36)]
         self.add(metal, self.blade((110, 20, 4.5), outline, teeth=teeth))

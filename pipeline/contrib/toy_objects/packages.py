@@ -13,10 +13,7 @@ TINS: Palette = (*STEELS, GOLD, (228, 226, 218))
 
 
 class Box(Model):
-    """Boxes: carton, milk, shoes, tools, matches, book, toy brick, present, tissues, crate, camera.
-
-    Millimetres, standing on z = 0, the front faces -y.
-    """
+    """Standing on z = 0, the front faces -y."""
 
     proportions = (Stretch("x", 0.88, 1.14), Stretch("y", 0.88, 1.14), Stretch("z", 0.86, 1.16))
 
@@ -29,8 +26,7 @@ class Box(Model):
         front = solid.vertices[solid.faces, 1].max(axis=1) < -0.46 * size[1]
         return solid.painted(label(self.rng, size[0] / size[2]), front, uv)
 
-    def carton(self) -> None:
-        """Model an upright packet of cereals, tea or medicine; a flap open in some."""
+    def carton(self) -> None:  # an upright packet of cereals, tea or medicine; a flap open in some
         size = self.uniform((60, 25, 90), (190, 75, 280))
         self.add(self.pick(*CARDBOARD), self.standing(size))
         flap = box((0.9 * size[0], 2.4, self.uniform(0.3, 0.7) * size[1]), 9, 0.6).moved(z=0.2 * size[1])
@@ -39,8 +35,7 @@ class Box(Model):
         else:
             self.add(CARDBOARD, box((0.5 * size[0], 0.4 * size[1], 2.0), 9, 0.5, "z").moved(z=size[2]))
 
-    def milk(self) -> None:
-        """Model a drink carton with a screw cap: a gable with a fold on top, or flat."""
+    def milk(self) -> None:  # a drink carton with a screw cap: a gable with a fold on top, or flat
         side, high, deep = self.uniform((32, 95, 0.7), (48, 200, 1.0))
         self.add(self.pick(WHITE, *PLASTICS), self.standing((2 * side, 2 * deep * side, high)))
         if self.chance(0.6):
@@ -49,15 +44,13 @@ class Box(Model):
             self.add((WHITE, *PLASTICS), column(roof, count=40))
         self.add((WHITE, *PLASTICS), rod(-7, 7, 12, "z").turned("x", 0.6).moved(y=-0.45 * deep * side, z=high + 0.3 * side))
 
-    def shoe_box(self) -> None:
-        """Model a box with a lid over it, which is askew in some."""
+    def shoe_box(self) -> None:  # a box with a lid over it, which is askew in some
         size = self.uniform((140, 90, 60), (320, 200, 130))
         lid = box((size[0] + 6, size[1] + 6, 0.28 * size[2]), 16, 1.5, "z", 40).moved(z=size[2])
         self.add(self.pick(*CARDBOARD), self.standing(size))
         self.add(self.pick(*CARDBOARD), lid.turned("z", self.uniform(-0.3, 0.3)) if self.chance(0.3) else lid)
 
-    def toolbox(self) -> None:
-        """Model a case with a handle and two latches in front."""
+    def toolbox(self) -> None:  # a case with a handle and two latches in front
         size, metal = self.uniform((160, 80, 80), (300, 150, 160)), self.pick(*STEELS, BLACK, GOLD)
         top, reach = size[2], 0.28 * size[0]
         self.add(self.pick(*PLASTICS, *WOODS, BLACK), self.standing(size, self.uniform(5, 12), 5.0, printed=False))
@@ -65,8 +58,7 @@ class Box(Model):
         self.add((BLACK, *STEELS), bow([(reach, top - 4), (0.9 * reach, top + 26)], 18, 10))
         self.add(metal, *(box((16, 6, 30), 6, 1.5).moved(x * size[0], -size[1] / 2 - 1, 0.62 * top) for x in (-0.3, 0.3)))
 
-    def matches(self) -> None:
-        """Model a match or pill box lying flat, its drawer pulled out."""
+    def matches(self) -> None:  # a match or pill box lying flat, its drawer pulled out
         x, y, z = self.uniform((40, 60, 14), (70, 110, 32))
         pulled = self.uniform(0.1, 0.7) * y
         self.add(self.pick(*CARDBOARD), self.standing((x, y, z)))
@@ -74,8 +66,7 @@ class Box(Model):
         for number in range(self.integers(1, 7)):
             self.add((RED, BLACK), rod(-0.4 * y, 0.4 * y, 1.8, "y").moved((number - 3) * 0.11 * x, -pulled, z / 2))
 
-    def book(self) -> None:
-        """Model books, one or a stack: covers, pages, a rounded spine."""
+    def book(self) -> None:  # books, one or a stack: covers, pages, a rounded spine
         z = 0.0
         for _ in range(self.integers(1, 4)):
             wide, long, thick = self.uniform((100, 140, 14), (170, 240, 42))
@@ -88,8 +79,7 @@ class Box(Model):
             self.add(((236, 230, 214),), pages.turned("z", turn))
             z += thick - 0.4
 
-    def brick(self) -> None:
-        """Model a toy brick with round studs, or a stack of two or three."""
+    def brick(self) -> None:  # a toy brick with round studs, or a stack of two or three
         across, deep, levels = (self.integers(low, high) for low, high in ((2, 6), (1, 4), (1, 4)))
         for level in range(levels):
             shade, shift = self.pick(*PLASTICS, RED), 16 * self.integers(-1, 2) * (level > 0)
@@ -98,8 +88,7 @@ class Box(Model):
             self.add(shade, solid, *(rod(0, 4, 4.8, "z").moved(x, y, 19.2 * (level + 1) - 0.4) for x, y in studs))
         self.add(PLASTICS, box((15 * across, 15 * deep, 2), 24, 0.5, "z"))
 
-    def present(self) -> None:
-        """Model a gift box with a ribbon both ways and a bow."""
+    def present(self) -> None:  # a gift box with a ribbon both ways and a bow
         size, ribbon = self.uniform((70, 60, 40), (160, 150, 150)), self.pick(*PLASTICS, RED, GOLD)
         x, y, z = size
         self.add(self.pick(*CARDBOARD), self.standing(size, printed=False))
@@ -109,8 +98,7 @@ class Box(Model):
         angle = self.uniform(-0.7, 0.7)
         self.add(ribbon, *(sweep(loop, wide, 4).turned("z", angle + turn) for turn in (0, np.pi)), ball((7, 7, 6)).moved(z=z + 3))
 
-    def tissues(self) -> None:
-        """Model a box of tissues, cubic or flat, a tissue sticking out."""
+    def tissues(self) -> None:  # a box of tissues, cubic or flat, a tissue sticking out
         size = self.uniform((100, 90, 50), (240, 125, 130))
         self.add(self.pick(*CARDBOARD), self.standing(size))
         low, peak = size[2] - 2, size[2] + self.uniform(40, 75)
@@ -118,8 +106,7 @@ class Box(Model):
         tissue = [(low, 0.22 * size[0], 6, 2.0), (0.4 * low + 0.6 * peak, 0.12 * size[0], 10, 2.0), (peak, 0.16 * size[0], 3, 2.0)]
         self.add(self.pick(WHITE), column(tissue, count=48, lobes=8, depth=[0.05, 0.25, 0.3]).turned("z", self.uniform(-0.5, 0.5)))
 
-    def crate(self) -> None:
-        """Model an open crate of slats, or a plastic basket; something in it."""
+    def crate(self) -> None:  # an open crate of slats, or a plastic basket; something in it
         x, y, z = self.uniform((110, 90, 60), (220, 150, 130))
         shade, rows = self.pick(*WOODS, *PLASTICS), self.integers(2, 4)
         self.add(shade, box((x, y, 8), 14, 1.0, "z").moved(z=4))
@@ -133,8 +120,7 @@ class Box(Model):
             r = self.uniform(0.2, 0.3) * min(x, y)
             self.add((RED, (230, 150, 40), (120, 160, 60)), ball((r, r, r)).moved((number - 1) * 0.28 * x, 0.1 * y * (-1) ** number, 7 + r))
 
-    def camera(self) -> None:
-        """Model a camera or radio: body, lens, knobs on top."""
+    def camera(self) -> None:  # a camera or radio: body, lens, knobs on top
         x, y, z = self.uniform((95, 34, 58), (150, 60, 95))
         body, lens = self.pick(BLACK, *STEELS, *PLASTICS), self.uniform(0.3, 0.42) * z
         self.add(body, self.standing((x, y, z), self.uniform(5, 10), 3.0))
@@ -149,7 +135,7 @@ class Box(Model):
 
 
 class Can(Model):
-    """Cans and jars: drinks, food, fish, spray, paint, jar, tea caddy, battery, candle, watering can. Millimetres, standing on z = 0."""
+    """Cans, jars and other round vessels with a label, standing on z = 0."""
 
     proportions = (Stretch("xy", 0.86, 1.16), Stretch("z", 0.86, 1.16))
 
@@ -165,8 +151,7 @@ class Can(Model):
         is_seam = np.ptp(column_of[solid.faces], axis=1) > 1  # where the label's ends meet: all of it would be there once more, mirrored
         return solid.painted(label(self.rng, np.pi * (u + v) / (high - low)), np.all(inside[solid.faces], axis=1) & ~is_seam, uv)
 
-    def drink(self) -> None:
-        """Model a drinks can: necks at both ends, a tab on its lid; a straw in some."""
+    def drink(self) -> None:  # a drinks can: necks at both ends, a tab on its lid; a straw in some
         r, high = self.uniform((26, 115), (34, 170))
         rows = [(0, 0.78), (3, 0.82), (9, 1), (12, 1), (high - 20, 1), (high - 10, 0.93), (high - 3, 0.83), (high, 0.83), (high, 0.78)]
         rows[-1] = (high + 0.8, 0.78)
@@ -175,8 +160,7 @@ class Can(Model):
         if self.chance(0.3):
             self.add(self.pick(*PLASTICS), rod(-10, self.uniform(30, 60), 3, "z").turned("y", self.uniform(-0.4, 0.4)).moved(y=4, z=high))
 
-    def food(self) -> None:
-        """Model a food tin: rims, ribs or a label; half open in some."""
+    def food(self) -> None:  # a food tin: rims, ribs or a label; half open in some
         r, high, ribs = *self.uniform((32, 48), (54, 125)), self.integers(0, 7)
         waves = np.linspace(0.2, 0.8, 2 * ribs + 2) * high
         depth = np.resize([1.0, 0.97], len(waves)) if ribs else np.ones(2)
@@ -189,16 +173,14 @@ class Can(Model):
         else:
             self.add(TINS, box((10, 22, 2.4), 2.4, 0.8, "z", 20).moved(y=-0.5 * r, z=high))
 
-    def fish(self) -> None:
-        """Model a flat tin of sardines or shoe polish, oval, square or round, with a ring to pull."""
+    def fish(self) -> None:  # a flat tin of sardines or shoe polish, oval, square or round, with a ring to pull
         u, v, high, square = self.uniform((42, 30, 20, 2.0), (58, 44, 34, 6.0))
         rows = [(0, 1.02), (2.5, 1.02), (3.5, 1), (high - 4, 1), (high - 3, 1.02), (high, 1.02)]
         self.add(self.pick(*TINS), self.labelled(rows, 3.5, high - 4, (u, v, square)))
         ring = vessel([(0, 11), (3, 11)], 3.0, 1.0).moved(0.45 * u, z=high - 1)
         self.add((*TINS, *PLASTICS), ring, box((0.9 * u, 0.8 * v, 2), square, 0.6, "z").moved(-0.4 * u, z=high))
 
-    def spray(self) -> None:
-        """Model an aerosol: domed shoulder under a cap or a nozzle."""
+    def spray(self) -> None:  # an aerosol: domed shoulder under a cap or a nozzle
         r, high = self.uniform((20, 120), (33, 190))
         rows = [(0, 0.95), (3, 1.03), (6, 1), (high - 6, 1), (high, 0.97), (high + 6, 0.8), (high + 12, 0.45)]
         self.add(self.pick(*TINS), self.labelled(rows, 6, high - 6, (r, r, 2.0)))
@@ -206,8 +188,7 @@ class Can(Model):
         nozzle = [rod(high + 8, high + 22, 7, "z"), rod(-2, 9, 3, "x").moved(z=high + 18)]
         self.add(self.pick(*PLASTICS, BLACK, WHITE), *([cap] if self.chance(0.5) else nozzle))
 
-    def paint(self) -> None:
-        """Model a paint pot or bucket: lid with a rim, a wire bail."""
+    def paint(self) -> None:  # a paint pot or bucket: lid with a rim, a wire bail
         r, high, drop = self.uniform((48, 90, -0.8), (80, 170, 0.8))
         rows = [(0, 0.98), (4, 1), (0.1 * high, 1), (0.9 * high, 1), (high - 6, 1.03), (high, 1.03)]
         self.add(self.pick(*TINS, WHITE), self.labelled(rows, 0.1 * high, 0.9 * high, (r, r, 2.0)))
@@ -216,8 +197,7 @@ class Can(Model):
         bail = arch.turned("x", drop, (0, 0, 0.8 * high))
         self.add((*STEELS, BLACK), bail, rod(-r - 5, r + 5, 5, "x").moved(z=0.8 * high))
 
-    def jar(self) -> None:
-        """Model a preserving jar: shoulder, wide lid; round or square."""
+    def jar(self) -> None:  # a preserving jar: shoulder, wide lid; round or square
         r, high, neck, square = self.uniform((28, 62, 0.72, 2.0), (48, 130, 0.92, 6.0))
         rows = [(0, 0.92), (5, 1), (0.15 * high, 1), (0.75 * high, 1), (0.88 * high, neck), (high, neck)]
         glass = self.pick((150, 60, 40), (196, 206, 206), (214, 160, 70), (90, 60, 40), (120, 150, 90))
@@ -225,8 +205,7 @@ class Can(Model):
         lid = [(0.9 * high, 1.1 * neck * r), (high + 3, 1.1 * neck * r), (high + 5, neck * r)]
         self.add((*TINS, RED, *PLASTICS), column(lid, count=60, lobes=20, depth=[0.015, 0.015, 0.0]))
 
-    def caddy(self) -> None:
-        """Model a tea or biscuit tin, square or round, its lid slipped over; a knob on some."""
+    def caddy(self) -> None:  # a tea or biscuit tin, square or round, its lid slipped over; a knob on some
         u, v, high, square = self.uniform((35, 30, 60, 2.0), (75, 65, 150, 9.0))
         rows = [(0, 0.97), (3, 1), (0.08 * high, 1), (0.85 * high, 1), (high, 1)]
         self.add(self.pick(*TINS, *PLASTICS), self.labelled(rows, 0.08 * high, 0.85 * high, (u, v, square)))
@@ -236,8 +215,7 @@ class Can(Model):
         if self.chance(0.4):
             self.add((GOLD, *STEELS, BLACK), rod(high + 6, high + 14, 4, "z"), ball((8, 8, 7)).moved(z=high + 18))
 
-    def battery(self) -> None:
-        """Model a round cell with its pole, alone or up to four in a row."""
+    def battery(self) -> None:  # a round cell with its pole, alone or up to four in a row
         r, high, count = *self.uniform((13, 62), (24, 110)), self.integers(1, 5)
         for number in range(count):
             rows = [(0, 0.94), (2, 1), (0.06 * high, 1), (0.94 * high, 1), (high - 2, 1), (high, 0.94)]
@@ -245,8 +223,7 @@ class Can(Model):
             self.add(self.pick(GOLD, BLACK, *PLASTICS), self.labelled(rows, 0.06 * high, 0.94 * high, (r, r, 2.0)).moved(x))
             self.add(STEELS, rod(high - 1, high + 4, 0.34 * r, "z").moved(x))
 
-    def candle(self) -> None:
-        """Model a candle in a glass, or one to three pillars of wax on a dish."""
+    def candle(self) -> None:  # a candle in a glass, or one to three pillars of wax on a dish
         r, high, level = self.uniform((26, 50, 0.6), (48, 130, 0.9))
         wax, wick = self.pick(*PLASTICS, (238, 226, 196), WHITE), rod(-2, 12, 1.6, "z").turned("x", 0.2)
         if self.chance(0.4):
@@ -260,8 +237,7 @@ class Can(Model):
             self.add((BLACK,), wick.moved(x, z=top))
         self.add((*TINS, *PLASTICS), column([(-4, count * r, r, 2.4), (3, (count + 0.3) * r, 1.3 * r, 2.4)], count=48))
 
-    def watering(self) -> None:
-        """Model a watering or oil can: round body, long spout, handle behind and above."""
+    def watering(self) -> None:  # a watering or oil can: round body, long spout, handle behind and above
         r, high, out, rise = self.uniform((50, 90, 60, 0.9), (75, 140, 130, 1.5))
         shade = self.pick(*PLASTICS, *STEELS)
         rows = [(0, r), (4, r), (0.85 * high, 0.96 * r), (high, self.uniform(0.5, 0.9) * r)]

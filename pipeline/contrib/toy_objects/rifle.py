@@ -16,10 +16,7 @@ def ribbed(start: float, end: float, radius: float) -> Solid:
 
 
 class Rifle(Model):
-    """Rifles: hunting and sporting (bolt, lever, pump, carbine, double barrel), military (two assault families, sniper, bullpup).
-
-    Millimetres; the bore lies along x at y = z = 0, the muzzle at +x. Bars have rows (x, low z, high z, width).
-    """
+    """The bore lies along x at y = z = 0, the muzzle at +x. Bars have rows (x, low z, high z, width)."""
 
     proportions = (Stretch("x", 0.75, 1.3, start=150), Stretch("x", 0.88, 1.12, end=-225), Stretch("z", 0.92, 1.08))
 
@@ -71,8 +68,7 @@ class Rifle(Model):
         if self.chance(share):
             self.add((BLACK, (84, 80, 66)), tube.moved(x, z=z), rod(z, z + r + 14, 9.5, "z").moved(x), *mounts)
 
-    def bolt_action(self) -> None:
-        """Model a hunting or service rifle: one-piece stock, short or full; round receiver, bolt, scope or sights."""
+    def bolt_action(self) -> None:  # a hunting or service rifle: one-piece stock, short or full; round receiver, bolt, scope or sights
         self.barrel(680, 11)
         fore = self.one_of(300, 360, 570)
         grasp = [(-165, -72, -24, 38), (-115, -52, -6, 44), (-40, -46, -3, 48), (70, -45, -4, 48), (fore - 12, -26, 0, 32)]
@@ -84,8 +80,7 @@ class Rifle(Model):
         self.sights(80, 660, 14)
         self.scope(-30, 17, share=0.7)
 
-    def kalashnikov(self) -> None:
-        """Model a Kalashnikov: stamped receiver, curved magazine, gas tube above, wooden or folding stock, raked grip."""
+    def kalashnikov(self) -> None:  # a Kalashnikov: stamped receiver, curved magazine, gas tube above, wooden or folding stock, raked grip
         self.barrel(490, 10)
         self.add(self.metal, block((-190, 70), (-44, 4), 34), block((325, 355), (-12, 36), 22), rod(60, 345, 9).moved(z=27))
         self.add(self.metal, bar([(-188, -2, 10, 24), (-170, -2, 24, 32), (-20, -2, 25, 32), (-6, -2, 18, 28)]))
@@ -102,8 +97,7 @@ class Rifle(Model):
         self.magazine(10, -40, bend=0.34, deep=170)
         self.sights(28, 445, 26)
 
-    def modular(self) -> None:
-        """Model an AR: straight or open stock behind a buffer tube, handguard, carry handle or scope, front sight."""
+    def modular(self) -> None:  # an AR: straight or open stock behind a buffer tube, handguard, carry handle or scope, front sight
         self.barrel(450, 10)
         self.add(self.metal, block((-175, 40), (-6, 27), 32), rod(-340, -170, 15))
         self.add(self.metal, bar([(-175, -44, -6, 28), (-110, -44, -4, 30), (-60, -50, -4, 34), (30, -52, -4, 34)], 6))
@@ -121,8 +115,7 @@ class Rifle(Model):
             self.grip(self.synthetic, x, low)
         self.magazine(-8, -48, bend=0.15, deep=115)
 
-    def sniper(self) -> None:
-        """Model a sniper rifle: heavy barrel, big scope, bipod, pistol grip; thumb-hole or skeleton stock, cheek piece."""
+    def sniper(self) -> None:  # a sniper rifle: heavy barrel, big scope, bipod, pistol grip; thumb-hole or skeleton stock, cheek piece
         self.barrel(740, 15)
         self.add(self.metal, rod(-150, 60, 20))
         self.add(self.synthetic, bar([(-190, -44, -4, 40), (-150, -56, -3, 50), (60, -58, -2, 52), (320, -46, -2, 48), (350, -38, -6, 40)]))
@@ -140,8 +133,7 @@ class Rifle(Model):
         leg, fold = rod(-180, 0, 7, "z"), -1.3 if self.chance(0.3) else 0.0
         self.add(self.metal, *(leg.turned("x", side * 0.35).turned("y", fold).moved(310, 12 * side, -42) for side in (-1, 1)))
 
-    def lever_action(self) -> None:
-        """Model a lever gun: flat receiver, finger loop, tube magazine under the barrel, hammer, straight wooden stock."""
+    def lever_action(self) -> None:  # a lever gun: flat receiver, finger loop, tube magazine under the barrel, hammer, wooden stock
         self.barrel(540, 12, devices=0.0)
         self.add(self.metal, rod(0, self.uniform(340, 520), 9.5).moved(z=-23), block((300, 312), (-34, 13), 24))
         receiver = bar([(-150, -44, 2, 26), (-120, -52, 14, 30), (-20, -54, 17, 32), (10, -50, 16, 32)], 6)
@@ -154,8 +146,7 @@ class Rifle(Model):
         self.sights(90, 520, 11)
         self.scope(-60, 16, share=0.3)
 
-    def pump(self) -> None:
-        """Model a pump gun: wide barrel over a tube, ribbed sliding fore-end; a stock, or a pistol grip on some."""
+    def pump(self) -> None:  # a pump gun: wide barrel over a tube, ribbed sliding fore-end; a stock, or a pistol grip on some
         self.barrel(560, 13, devices=0.0)
         tube, slide = self.uniform(330, 520), self.uniform(110, 200)
         self.add(self.metal, rod(0, tube, 13).moved(z=-30), block((tube - 40, tube - 26), (-42, 12), 20))
@@ -167,8 +158,7 @@ class Rifle(Model):
         else:
             self.stock(self.wood, *BUTT, (-170, -44, 0, 34))
 
-    def bullpup(self) -> None:
-        """Model a bullpup with the magazine behind the grip, a long shell, a carrying handle or a scope."""
+    def bullpup(self) -> None:  # a bullpup with the magazine behind the grip, a long shell, a carrying handle or a scope
         self.barrel(390, 10)
         high = self.uniform(66, 84)
         shell = [(-285, -92, 30, 50), (-150, -58, 30, 50), (0, -36, 28, 46), (150, -44, 24, 46), (220, -26, 18, 36)]
@@ -182,8 +172,7 @@ class Rifle(Model):
             self.grip(self.synthetic, x, -30)
         self.magazine(-170, -66, bend=0.16, deep=115)
 
-    def carbine(self) -> None:
-        """Model a self-loader in a wooden stock: gas cylinder, upper handguard, short magazine, sights."""
+    def carbine(self) -> None:  # a self-loader in a wooden stock: gas cylinder, upper handguard, short magazine, sights
         self.barrel(530, 11)
         self.stock(self.wood, *BUTT, (-170, -66, -16, 36), (-115, -48, -5, 44), (60, -42, -3, 46), (270, -32, 2, 38), (335, -26, 2, 32))
         self.add(self.wood, bar([(70, -4, 20, 34), (210, -4, 20, 34), (335, -4, 16, 28)]))
@@ -194,8 +183,7 @@ class Rifle(Model):
         self.sights(-135, 505, 21)
         self.scope(-50, 26, share=0.3)
 
-    def double_barrel(self) -> None:
-        """Model a break action: two barrels side by side or over each other, splinter fore-end."""
+    def double_barrel(self) -> None:  # a break action: two barrels side by side or over each other, splinter fore-end
         self.barrel(615, 8, devices=0.0)
         pipe, over = column([(0, 15), (120, 13.5), (620, 12)], "x", 24), self.chance(0.5)
         self.add(self.metal, *(pipe.moved(z=13 * side - 13) if over else pipe.moved(y=12 * side) for side in (-1, 1)))

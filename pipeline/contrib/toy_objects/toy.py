@@ -10,15 +10,11 @@ FURS: Palette = ((150, 100, 60), (90, 64, 46), (200, 160, 110), (120, 120, 124),
 
 
 class Toy(Model):
-    """Toys: doll, robot, animal, bird, car, train, boat, plane, rocket, ring tower, skittle, and figures of random shapes joined together.
-
-    Millimetres, standing on z = 0, the front faces -y; vehicles lie along x.
-    """
+    """Standing on z = 0, the front faces -y; vehicles lie along x."""
 
     proportions = (Stretch("x", 0.85, 1.18), Stretch("y", 0.85, 1.18), Stretch("z", 0.85, 1.18))
 
-    def doll(self) -> None:
-        """Model a figure with head, body, arms and legs, as a teddy or a doll; ears on some."""
+    def doll(self) -> None:  # a figure with head, body, arms and legs, as a teddy or a doll; ears on some
         skin, belly, high, head = self.pick(*FURS, *COLOURS), *self.uniform((20, 62, 17), (32, 84, 27))
         z, spread, swing = high + 0.8 * head, self.uniform(0.3, 1.2), self.uniform(-0.5, 0.9)
         self.add(skin, ball((head, head, head)).moved(z=z + 0.6 * head))
@@ -33,8 +29,7 @@ class Toy(Model):
         eyes = [ball((2.6, 2.6, 3.2)).moved(x, -0.92 * head, z + 0.75 * head) for x in (-0.32 * head, 0.32 * head)]
         self.add((BLACK,), *eyes, ball((4, 4, 3)).moved(y=-head, z=z + 0.4 * head))
 
-    def robot(self) -> None:
-        """Model a robot of boxes and rods, an antenna on its head."""
+    def robot(self) -> None:  # a robot of boxes and rods, an antenna on its head
         x, y, z = self.uniform((26, 18, 36), (46, 32, 62))
         metal, dark = self.pick(*STEELS, *COLOURS), self.pick(BLACK, *COLOURS)
         legs, head = self.uniform((22, 22), (48, 34))
@@ -48,8 +43,7 @@ class Toy(Model):
             eye = ball((0.11 * x, 3, 0.11 * x)).moved(0.18 * side * x, -0.42 * y, legs + z + 0.6 * head)
             self.add(dark, arm.moved(0.62 * side * x, z=legs + 0.88 * z), eye)
 
-    def animal(self) -> None:
-        """Model a four-legged animal: horse, dog, elephant …, by the lengths of legs, neck, snout, ears and tail."""
+    def animal(self) -> None:  # a four-legged animal: horse, dog, elephant …, by the lengths of legs, neck, snout, ears and tail
         fur, long, belly, leg = self.pick(*FURS, *COLOURS), *self.uniform((34, 15, 24), (58, 25, 62))
         z = leg + belly
         self.add(fur, lathe([(-long, 0.5 * belly), (-0.7 * long, belly), (0.4 * long, 0.9 * belly), (long, 0.5 * belly)], "x").moved(z=z))
@@ -68,8 +62,7 @@ class Toy(Model):
         tail = [(6 - long, 0, z + 4), (-long - 10, 0, z + self.uniform(-4, 12)), (-long - 16, 0, z + self.uniform(-34, 30))]
         self.add((*FURS, fur.color), sweep(tail, 5, 5))
 
-    def bird(self) -> None:
-        """Model a duck, chick or penguin: egg-shaped body, head, beak, wings."""
+    def bird(self) -> None:  # a duck, chick or penguin: egg-shaped body, head, beak, wings
         r, upright, head = self.uniform((24, 0.0, 0.45), (36, 1.0, 0.7))
         long = self.uniform(1.1, 1.6)
         plume, lean = self.pick(*COLOURS, WHITE, BLACK), upright * 1.1
@@ -88,8 +81,7 @@ class Toy(Model):
         self.add((BLACK, *COLOURS), *(tyre.moved(x, s * wide, radius) for x in at for s in (-1, 1)))
         self.add((*STEELS, *COLOURS), *(hub.moved(x, s * wide, radius) for x in at for s in (-1, 1)))
 
-    def car(self) -> None:
-        """Model a car or van: body, cabin, wheels; a digger's arm on some."""
+    def car(self) -> None:  # a car or van: body, cabin, wheels; a digger's arm on some
         half, wide, tall, r = self.uniform((48, 20, 22, 10), (78, 30, 34, 17))
         rows = [(-half, 0.7 * r, r + 0.7 * tall, 2 * wide - 6), (4 - half, 0.6 * r, r + tall, 2 * wide)]
         rows += [(half - 10, 0.6 * r, r + 0.9 * tall, 2 * wide), (half, 0.8 * r, r + 0.5 * tall, 2 * wide - 6)]
@@ -104,8 +96,7 @@ class Toy(Model):
             boom = sweep([(0, 0, roof - 4), (0.5 * half, 0, roof + 30), (1.2 * half, 0, roof + 10), (1.3 * half, 0, roof - 24)], 10, 9)
             self.add(COLOURS, boom, box((18, 22, 16), 5, 2.0).moved(1.3 * half, z=roof - 28))
 
-    def train(self) -> None:
-        """Model a steam engine: boiler, cabin, chimney, dome; three pairs of wheels."""
+    def train(self) -> None:  # a steam engine: boiler, cabin, chimney, dome; three pairs of wheels
         half, r, wide = self.uniform((48, 15, 17), (70, 22, 24))
         floor = 14.0
         self.add((BLACK, *COLOURS), block((-half, half), (floor - 6, floor + 8), 2 * wide))
@@ -118,8 +109,7 @@ class Toy(Model):
         self.add((BLACK, GOLD, *COLOURS), chimney.moved(0.7 * half), ball((8, 8, 9)).moved(0.2 * half, z=top + 2))
         self.wheels([-0.65 * half, 0.0, 0.65 * half], 11, wide)
 
-    def boat(self) -> None:
-        """Model a boat: hull with a pointed bow, a house with a funnel, or a mast with a sail."""
+    def boat(self) -> None:  # a boat: hull with a pointed bow, a house with a funnel, or a mast with a sail
         half, wide, deep = self.uniform((60, 20, 20), (95, 32, 34))
         hull = [(-half, 0.75 * wide, 0.8 * deep / 2, 4.0), (-0.6 * half, wide, deep / 2, 4.0)]
         hull += [(0.3 * half, 0.95 * wide, deep / 2, 4), (0.8 * half, 0.5 * wide, deep / 2, 3), (half, 2, 0.3 * deep, 2.4)]
@@ -137,8 +127,7 @@ class Toy(Model):
             shade, shift, turn = self.pick(WHITE, *COLOURS), self.uniform(-0.2, 0.2), self.uniform(-0.4, 0.4)
             self.add(shade, column(sail, count=28).moved(shift * half).turned("z", turn))
 
-    def plane(self) -> None:
-        """Model an aeroplane: fuselage, wings, tail, a propeller or two jets; on wheels."""
+    def plane(self) -> None:  # an aeroplane: fuselage, wings, tail, a propeller or two jets; on wheels
         half, r, span, sweep_back = self.uniform((60, 10, 50, 0), (90, 17, 85, 36))
         z = r + 16
         body = smooth([(-half, 0.25 * r), (-0.6 * half, 0.65 * r), (0.1 * half, r), (0.7 * half, 0.9 * r), (half, 0.25 * r)])
@@ -160,8 +149,7 @@ class Toy(Model):
         self.add((BLACK,), *(rod(-3, 3, 7, "y").moved(x * half, y, 7) for x, y in ((0.0, -14), (0.0, 14), (0.7, 0))))
         self.add(STEELS, *(rod(6, z, 2.2, "z").moved(x * half, y) for x, y in ((0.0, -14), (0.0, 14), (0.7, 0))))
 
-    def rocket(self) -> None:
-        """Model a rocket: pointed body, fins, a window, a nozzle."""
+    def rocket(self) -> None:  # a rocket: pointed body, fins, a window, a nozzle
         r, high, fins = *self.uniform((14, 110), (26, 170)), self.integers(3, 5)
         rows = [(10, 0.75 * r), (18, 0.9 * r), (0.4 * high, r), (0.72 * high, 0.85 * r), (0.93 * high, 0.3 * r), (high, 0.06 * r)]
         self.add((*COLOURS, WHITE, *STEELS), lathe(rows, count=36))
@@ -169,8 +157,7 @@ class Toy(Model):
         self.add(COLOURS, *(fin.turned("z", 2 * np.pi * n / fins + 0.5) for n in range(fins)))
         self.add((*STEELS, BLACK), column([(0, 0.7 * r), (12, 0.5 * r)], count=28), rod(-r - 2, 2, 0.36 * r, "y").moved(z=0.6 * high))
 
-    def rings(self) -> None:
-        """Model a stacking tower: rings of falling size on a pole, a ball on top; or blocks piled askew."""
+    def rings(self) -> None:  # a stacking tower: rings of falling size on a pole, a ball on top; or blocks piled askew
         count, z, pile = self.integers(3, 7), 8.0, self.chance(0.4)
         size = self.uniform(30, 46)
         self.add((*WOODS, *COLOURS), lathe([(0, size), (3, 1.05 * size), (9, size)], count=36))
@@ -185,8 +172,7 @@ class Toy(Model):
             z += tall - 0.5
         self.add((*COLOURS, *WOODS), ball((11, 11, 11)).moved(z=z + 8), rod(0, z + 2, 6, "z"))
 
-    def skittle(self) -> None:
-        """Model a skittle, chess piece, nesting doll, spinning top or hand bell: turned, its outline drawn."""
+    def skittle(self) -> None:  # a skittle, chess piece, nesting doll, spinning top or hand bell: turned, its outline drawn
         waves = self.integers(3, 7)
         along = np.concatenate([[0, 0.04], np.sort(self.uniform(0.1, 0.9, waves)), [0.97, 1.0]])
         along = along[np.concatenate([[True], np.diff(along) > 0.03])]
@@ -212,8 +198,7 @@ class Toy(Model):
         )
         return self.one_of(*shapes).turned("x", self.uniform(-np.pi, np.pi)).turned("z", self.uniform(-np.pi, np.pi))
 
-    def figure(self) -> None:
-        """Model a figure of three to nine random shapes, each stuck onto one of the others."""
+    def figure(self) -> None:  # a figure of three to nine random shapes, each stuck onto one of the others
         centres, sizes = [np.zeros(3)], [self.uniform(22, 40)]
         for _ in range(self.integers(2, 9)):
             to, size = self.integers(0, len(centres)), self.uniform(10, 34)

@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.compiled import compiled
-from pipeline.kernels.touch.pressed_gel import gel_under
+from pipeline.kernels.touch.depth_maps import gel_under
 from pipeline.kernels.touch.sensor import MM, POSITION_TERMS, SLOPE_TERMS, Box, Calibration, Sensor, pixel_centres
 
 FLAT = 1e-7  # m of indentation below which pixels at the ends of a row, also above and below, are not shaded

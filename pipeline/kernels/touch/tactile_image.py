@@ -12,8 +12,7 @@ from PIL import Image
 from pipeline.kernels.arrays import WHITE, Array
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.touch.calibrated_shading import indentation_change, polynomial_background
-from pipeline.kernels.touch.depth_maps import gel_surface
-from pipeline.kernels.touch.pressed_gel import press_gel
+from pipeline.kernels.touch.depth_maps import gel_surface, press_gel
 from pipeline.kernels.touch.sensor import Calibration, Lights, Sensor
 
 

@@ -13,14 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.contrib.exports.grasp_frames import Column, GraspFrames
 from pipeline.contrib.exports.lerobot_files import QUANTILES, _Statistics
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StoreError
 from pipeline.store.atomic import atomic_writes
+from tests.command_line import vt
 from tests.stages import ball_dataset
 
 FINGERS = [f"finger-{number}" for number in range(4)]
@@ -31,12 +30,6 @@ def data(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("balls")
     ball_dataset.make_data(folder, 2)
     return folder
-
-
-def vt(*arguments: object, fails: bool = False) -> str:
-    result = CliRunner().invoke(app, [*map(str, arguments)])
-    assert (result.exit_code != 0) == fails, result.output
-    return result.output
 
 
 def files_in(shard: Path) -> dict[str, bytes]:
@@ -140,8 +133,7 @@ def test_failed_export_leaves_nothing_and_names_the_folder(data, tmp_path, monke
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr("pipeline.contrib.exports.webdataset_shards._add_sample", fails)
-    output = vt("export", data, tmp_path / "out", "--to", "webdataset", fails=True)
-    assert f"No space left on device: '{tmp_path / 'out'}'" in output
+    assert f"No space left on device: '{tmp_path / 'out'}'" in vt("export", data, tmp_path / "out", "--to", "webdataset", fails=True)
     assert not (tmp_path / "out").exists()
 
 

@@ -9,9 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.console import Table
 from pipeline.contrib.report import figures
 from pipeline.contrib.report.html_report import _environment
@@ -19,6 +17,7 @@ from pipeline.contrib.report.object_page import columns
 from pipeline.contrib.report.report_source import ReportSource
 from pipeline.drawing.written_files import Pages, read_list
 from pipeline.errors import StoreError
+from tests.command_line import vt
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset
 from tests.store.test_validate import resealed
@@ -52,13 +51,6 @@ def outside(tmp_path) -> Path:
     folder.mkdir()
     (folder / "thesis.txt").write_text("mine")
     return folder
-
-
-def vt(*arguments: object, fails: bool = False) -> str:
-    done = CliRunner().invoke(app, [*map(str, arguments)])
-    assert (done.exit_code != 0) == fails, done.output
-    assert "Traceback" not in done.output
-    return " ".join(done.output.split())
 
 
 def link(path: Path, target: Path) -> None:

@@ -10,9 +10,7 @@ import pytest
 import torch
 import trimesh
 from rich.console import Console
-from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.config.manifest import load_manifest
 from pipeline.config.settings import Settings
 from pipeline.config.sources import identity
@@ -31,6 +29,7 @@ from schemas.vision import VISION
 from stages.evaluate.evaluation_files import read_figures, read_root
 from stages.evaluate.scores import fitting_rows, learned_objects, measuring_settings
 from stages.evaluate.stage import Evaluate, EvaluationSettings
+from tests.command_line import vt
 from tests.engine.tiny_stages import pack
 from tests.stages import ball_dataset as spheres
 
@@ -58,12 +57,6 @@ def data(tmp_path_factory) -> Path:
 def ship(patch: pytest.MonkeyPatch, folder: Path) -> None:
     patch.setattr("stages.evaluate.scores.SHIPPED", folder / "models")
     patch.setattr("stages.evaluate.scores.shipped_models", lambda: folder / "models")
-
-
-def vt(*arguments: object) -> str:
-    done = CliRunner().invoke(app, [*map(str, arguments)])
-    assert done.exit_code == 0, done.output
-    return " ".join(done.output.split())
 
 
 def test_shipped_weights_have_the_figures_of_the_evaluated_weights(data):

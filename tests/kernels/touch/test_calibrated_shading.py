@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.calibrated_shading import calibrated_change, polynomial_background, powers, shade_depth
-from pipeline.kernels.touch.pressed_gel import membrane_indentation
+from pipeline.kernels.touch.depth_maps import membrane_indentation
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 

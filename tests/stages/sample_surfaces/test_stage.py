@@ -14,6 +14,7 @@ from pipeline.store.directory import Collection, DataDirectory
 from schemas.surfaces import SURFACES
 from stages.registry import resolve
 from stages.sample_surfaces import coverage
+from tests.command_line import vt
 
 SPHERE = trimesh.creation.icosphere(subdivisions=2)
 
@@ -78,8 +79,7 @@ REASONS = {
 
 def surfaces(objects: Path, data: Path) -> Collection:
     arguments = ["run", "sample-surfaces", "--manifest", "directory", "--objects", str(objects), "--data", str(data)]
-    result = CliRunner().invoke(app, [*arguments, "--set", "points=500", "--set", "max_faces=10000", "--executor", "serial"])
-    assert result.exit_code == 0, result.output
+    vt(*arguments, "--set", "points=500", "--set", "max_faces=10000", "--executor", "serial")
     return DataDirectory(data).collection(SURFACES)
 
 
@@ -160,20 +160,9 @@ def test_distance_to_the_nearest_point_is_that_of_independent_points(tmp_path: P
     (tmp_path / "meshes").mkdir()
     trimesh.creation.icosphere(5, RADIUS).export(tmp_path / "meshes" / "ball.ply")
     for name, points in (("data", POINTS), ("reference", 4 * POINTS)):
-        options = [
-            "--manifest",
-            "directory",
-            "--objects",
-            tmp_path / "meshes",
-            "--units",
-            "m",
-            "--data",
-            tmp_path / name,
-            "--executor",
-            "serial",
-        ]
-        done = CliRunner().invoke(app, [*map(str, ["run", "sample-surfaces", *options, "--set", f"sample-surfaces.points={points}"])])
-        assert done.exit_code == 0, done.output
+        folders = ["--objects", tmp_path / "meshes", "--data", tmp_path / name]
+        options = ["--manifest", "directory", "--units", "m", "--executor", "serial"]
+        vt("run", "sample-surfaces", *folders, *options, "--set", f"sample-surfaces.points={points}")
     area = 4 * np.pi * RADIUS**2
     (error,) = coverage(tmp_path / "data", tmp_path / "reference").values()
     assert error == pytest.approx(1e3 * np.sqrt(area / (np.pi * POINTS)), rel=0.05)  # the reference's own first points give 10 % less

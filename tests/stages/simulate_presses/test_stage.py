@@ -9,8 +9,7 @@ import yaml
 from pipeline.dataset.object_rows import ObjectRows, touch_sensor
 from pipeline.errors import InvalidInput, StageError
 from pipeline.formats.description_file import description_path
-from pipeline.kernels.touch.depth_maps import impression
-from pipeline.kernels.touch.pressed_gel import press_gel, scaled_gel
+from pipeline.kernels.touch.depth_maps import impression, press_gel, scaled_gel
 from pipeline.kernels.touch.tactile_image import render_gel
 from stages.registry import resolve
 from stages.simulate_presses import SimulatePresses, pressed_sensor
