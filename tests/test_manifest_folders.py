@@ -50,7 +50,7 @@ def test_model_without_a_file_is_listed_and_fails_when_read(tmp_path):
     source = {"kind": "shapenet", "licence": "x", "up": "y", "synsets": {"bottle": synset}}
     objects = manifest(source).objects(root)
     assert len(objects) == 3
-    with pytest.raises(InvalidInput, match=r"model_normalized\.obj is not there"):
+    with pytest.raises(InvalidInput, match=r"model_normalized\.obj cannot be read"):
         fingerprint(next(item.source for item in objects if "half" in item.object_id))
 
 

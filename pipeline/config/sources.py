@@ -16,9 +16,9 @@ from pipeline import plugins
 from pipeline.console import CONTROLS
 from pipeline.entries import Entries
 from pipeline.errors import InvalidInput
-from pipeline.formats.file_content import refuse_pointer
+from pipeline.formats.file_content import read_file
 from pipeline.formats.file_units import GREATEST_UNIT, LEAST_UNIT, stated_units
-from pipeline.formats.mesh_companions import Companions
+from pipeline.formats.mesh_companions import MAX_BYTES, Companions
 
 if TYPE_CHECKING:
     from pipeline.kernels.geometry.mesh import Mesh
@@ -195,8 +195,4 @@ def checksum(objects: list[Object]) -> str:
 
 def file_checksum(file: Path) -> str:
     """Compute the SHA-256 of a mesh file."""
-    if not file.is_file():
-        raise InvalidInput(f"{file} is no regular file; remove it")
-    content = file.read_bytes()
-    refuse_pointer(file, content)
-    return hashlib.sha256(content).hexdigest()
+    return hashlib.sha256(read_file(file, MAX_BYTES)).hexdigest()

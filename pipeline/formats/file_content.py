@@ -75,15 +75,20 @@ def regular_stat(path: Path | str) -> os.stat_result:
     return status
 
 
-def read_file(path: Path, max_bytes: int) -> bytes:
+def read_file(
+    path: Path,
+    max_bytes: int,
+    name: str = "",  # for messages, by default the path
+) -> bytes:
     """Read a regular file of at most `max_bytes` that is no Git LFS pointer."""
+    name = name or str(path)
     try:
         if (size := regular_stat(path).st_size) > max_bytes:
-            raise InvalidInput(f"{path} has {size} bytes; {max_bytes} are the most that are read")
+            raise InvalidInput(f"{name} has {size} bytes; {max_bytes} are the most that are read")
         content = path.read_bytes()
     except OSError as error:
-        raise InvalidInput(f"{path} cannot be read ({error.strerror}); give the path of a file that can") from error
-    refuse_pointer(path, content)
+        raise InvalidInput(f"{name} cannot be read ({error.strerror}); give the path of a file that can") from error
+    refuse_pointer(name, content)
     return content
 
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 from urllib.parse import unquote
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.file_content import MESH_SUFFIXES, decode_text, refuse_foreign, refuse_pointer, regular_stat, without_mark
+from pipeline.formats.file_content import MESH_SUFFIXES, decode_text, read_file, refuse_foreign, without_mark
 from pipeline.formats.gltf import file_names, read_document
 from pipeline.formats.obj_materials import OPTIONS, Material, read_library
 
@@ -48,9 +48,9 @@ class Companions(Mapping[str, bytes]):
         self.file_name = file.name
         self._folder, self._root = file.parent, (root or file.parent).resolve()
         self._contents: dict[Path, bytes] = {}
-        check_file(file)
-        self._stored = file.read_bytes()
-        refuse_pointer(file.name, self._stored)
+        self._stored = read_file(file, MAX_BYTES, file.name)
+        if not self._stored:
+            raise InvalidInput(f"{file.name} is an empty file")
         self.content = self._stored if _is_binary_stl(file, self._stored) else without_mark(file.name, self._stored)
         self.paths: dict[str, Path] = {}
         self.unread: list[str] = []
@@ -124,19 +124,6 @@ class Companions(Mapping[str, bytes]):
     def _check_sizes(self) -> None:
         if (size := sum(path.stat().st_size for path in set(self.paths.values()))) > MAX_BYTES:
             raise InvalidInput(f"{self.file_name} names files of {size} bytes in all, {MAX_BYTES} are the most; make its textures smaller")
-
-
-def check_file(file: Path) -> None:
-    """Refuse a mesh file that is missing, no regular file, empty or too large."""
-    try:
-        size = regular_stat(file).st_size
-    except OSError as error:
-        problem = "is not a regular file" if os.path.lexists(file) else "is not there"
-        raise InvalidInput(f"{file.name} {problem} ({file}); restore it, or fix the file that references it") from error
-    if size == 0:
-        raise InvalidInput(f"{file.name} is an empty file")
-    if size > MAX_BYTES:
-        raise InvalidInput(f"{file.name} has {size} bytes, {MAX_BYTES} are the most; decimate the mesh or write it as binary PLY")
 
 
 def _is_binary_stl(file: Path, content: bytes) -> bool:

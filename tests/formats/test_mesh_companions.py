@@ -129,5 +129,5 @@ def test_size_of_companions_is_bounded_together(tmp_path: Path, monkeypatch: pyt
 
 def test_mesh_file_that_is_a_socket_is_refused(tmp_path: Path) -> None:
     os.mknod(tmp_path / "a.obj", stat.S_IFSOCK | 0o600)
-    with pytest.raises(InvalidInput, match=r"a\.obj is not a regular file"):
+    with pytest.raises(InvalidInput, match=r"a\.obj cannot be read \(it is not a regular file\)"):
         fingerprint({"file": str(tmp_path / "a.obj"), "root": str(tmp_path)})

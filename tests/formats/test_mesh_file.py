@@ -83,9 +83,9 @@ def test_vertex_colours_stay_with_their_vertices(tmp_path, suffix):
         ("noise.glb", bytes(range(256)), "cannot be read as GLB"),
         ("flat.obj", b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "flat.obj: a vertex has fewer than three numbers"),
         ("box.zip", b"PK", r"box.zip cannot be read; convert it to one of \.obj"),
-        ("large.obj", b"#" * 1001, "has 1001 bytes, 1000 are the most"),
+        ("large.obj", b"#" * 1001, "has 1001 bytes; 1000 are the most"),
         ("entries.gltf", b"[" * 101, "101 entries in its JSON, 100 are the most"),
-        ("gone.obj", None, r"gone\.obj is not there"),
+        ("gone.obj", None, r"gone\.obj cannot be read \(No such file or directory\)"),
     ],
 )
 def test_files_without_a_mesh_are_refused_by_name(
