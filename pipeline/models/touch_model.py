@@ -118,20 +118,17 @@ class UnetTouchModel(TouchModel):
 
     def maps(self, images: np.ndarray) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Predict the depth D, and find the pixels whose colour differs from the untouched image's."""
-        self._check(images)
+        if images.ndim != 4 or images.shape[1:] != self.untouched.shape or images.dtype != np.uint8:
+            raise InvalidInput(
+                f"tactile images are {images.dtype} {images.shape}; this model was trained on sensor {self.sensor.name!r}: "
+                f"uint8 (N, {', '.join(map(str, self.untouched.shape))})"
+            )
         parameter = next(self.network.parameters())
         with torch.inference_mode():
             batches = torch.split(torch.tensor(images, device=parameter.device), IMAGES_AT_ONCE)
             share = torch.cat([self.network(network_input(batch, parameter.dtype)) for batch in batches])
             depth = (share * gel_top(self.sensor)).float().cpu().numpy()
         return depth, contact_mask(torch.tensor(images), torch.tensor(self.untouched), self.mask_threshold).numpy()
-
-    def _check(self, images: np.ndarray) -> None:
-        if images.ndim != 4 or images.shape[1:] != self.untouched.shape or images.dtype != np.uint8:
-            raise InvalidInput(
-                f"tactile images are {images.dtype} {images.shape}; this model was trained on sensor {self.sensor.name!r}: "
-                f"uint8 (N, {', '.join(map(str, self.untouched.shape))})"
-            )
 
 
 @dataclass(frozen=True)
@@ -149,7 +146,11 @@ class LocalTouchModel(TouchModel):
         pixel_aspect: float = 1.0,  # height over width of a pixel of the images
     ) -> PressedGel:  # with the images' pixels; indentation >= 0
         """Read the gel in photographs, whose light may have drifted since the untouched one."""
-        self._check(images, untouched, pixel_aspect)
+        if images.ndim != 4 or images.shape[3] != COLOURS or images.dtype != np.uint8:
+            raise InvalidInput(f"tactile images are {images.dtype} {images.shape}; the local network reads uint8 (N, rows, cols, 3)")
+        if untouched is not None and (untouched.shape != images.shape[1:] or untouched.dtype != np.uint8):
+            raise InvalidInput(f"the untouched photograph is {untouched.dtype} {untouched.shape}, the others are {images.shape[1:]}")
+        self.check_sides(images.shape[1], images.shape[2], pixel_aspect)
         parameter = next(self.network.parameters())
         position = pixel_positions(*self.sensor.shape).to(parameter)
         pitch = (MM * self.sensor.pitch[0], MM * self.sensor.pitch[1])
@@ -179,13 +180,6 @@ class LocalTouchModel(TouchModel):
             .to(parameter.dtype)
         )
         return interpolate(levels, size=self.sensor.shape, mode="area")
-
-    def _check(self, images: np.ndarray, untouched: np.ndarray | None, pixel_aspect: float) -> None:
-        if images.ndim != 4 or images.shape[3] != COLOURS or images.dtype != np.uint8:
-            raise InvalidInput(f"tactile images are {images.dtype} {images.shape}; the local network reads uint8 (N, rows, cols, 3)")
-        if untouched is not None and (untouched.shape != images.shape[1:] or untouched.dtype != np.uint8):
-            raise InvalidInput(f"the untouched photograph is {untouched.dtype} {untouched.shape}, the others are {images.shape[1:]}")
-        self.check_sides(images.shape[1], images.shape[2], pixel_aspect)
 
     def check_sides(self, rows: int, cols: int, pixel_aspect: float = 1.0) -> None:
         """Raise an `InvalidInput` if the aspect ratio of images of this shape is not the sensor's."""
