@@ -99,6 +99,7 @@ def triangulate(
     for size in np.unique(sizes[sizes >= 3]):
         polygons = np.flatnonzero(sizes == size)
         fan = np.stack([np.zeros(size - 2, np.int64), np.arange(1, size - 1), np.arange(2, size)], axis=1)
+        fan[1:] = np.roll(fan[1:], -1, axis=1)  # 0 1 2, 2 3 0, 3 4 0 …: trimesh cuts quadrilaterals so
         cut = np.tile(fan, (len(polygons), 1, 1))
         if size > 3:
             positions = vertices[corners[firsts[polygons, None] + np.arange(size)]]

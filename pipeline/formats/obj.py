@@ -34,10 +34,12 @@ EDGE = 0.5 + 1e-6  # distance of a texture coordinate from 0.5 beyond which it i
 def read_obj(file: Companions, textures: Textures) -> list[Mesh]:
     """Read the faces of an OBJ file, with the materials of its libraries."""
     text = file.content if file.content.isascii() else decode_text(file.content).encode()
-    text = text.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")  # lines that continue
     positions, coordinates, polygons = list[bytes](), list[bytes](), list[bytes]()
     names, used, current = {"": 0}, list[int](), 0  # of materials; the number of each polygon's
-    for line in text.splitlines():
+    lines = iter(text.splitlines())
+    for line in lines:
+        while line.endswith(b"\\") and not line.lstrip().startswith(b"#"):  # it continues
+            line = line[:-1] + b" " + next(lines, b"")
         word, *rest = line.split(None, 1) or (b"",)
         values = rest[0].partition(b"#")[0] if rest else b""
         if word == b"v":

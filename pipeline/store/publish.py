@@ -156,7 +156,12 @@ def write_group(
                 _write_file(path / name / "c" / str(start // OBJECTS_PER_FILE), artifact.arrays[name], shape, parts)
         for row, encoded in zip(rows[start:], batch, strict=False):
             for name in (name for name in encoded if "/" in name):
-                _write_ragged(path.joinpath(name.split("/")[0], row.object_id, name.split("/")[1]), encoded[name], artifact.of(name))
+                parent, leaf = name.split("/")
+                ragged = f"{parent}/{row.object_id}/{leaf}"
+                file = path.joinpath(ragged, "c", *["0"] * len(shapes[ragged]))
+                file.parent.mkdir(parents=True, exist_ok=True)
+                for chunk in encoded[name]:  # one; none where the array is empty
+                    file.write_bytes(chunk)
     labels = [row.labels() for row in rows]
     common = {name: [label[name] for label in labels] for name in COMMON}
     with zarr.config.set({"array.write_empty_chunks": True}):
@@ -225,11 +230,3 @@ def _write_file(folder: Path, array: Array, shape: tuple[int, ...], parts: Seque
     with file.open("wb") as opened:
         index = [ABSENT if encoded is None else (opened.tell(), opened.write(encoded)) for encoded in chunks]
         opened.write(with_checksum(np.array(index, "<u8").tobytes()))
-
-
-def _write_ragged(folder: Path, chunks: list[bytes], array: Array | None) -> None:
-    """Write an array of one object: its only chunk is a file, none where it is empty."""
-    file = folder.joinpath("c", *["0"] * (len(array.dims) if array else 0))
-    file.parent.mkdir(parents=True, exist_ok=True)
-    for chunk in chunks:
-        file.write_bytes(chunk)

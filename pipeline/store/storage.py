@@ -196,20 +196,21 @@ def cache_of(folder: Location) -> Path:
 
 def copy(source: Location, target: Location, names: Iterable[str]) -> None:
     """Copy files, given by their paths below `source`, from a disk to object storage, or from there to a disk."""
-    map_in_threads(lambda name: _copy_file(source / name, target / name), list(names))
 
-
-def _copy_file(source: Location, target: Location) -> None:
-    if isinstance(target, Path):
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with temporary(target) as temporary_file:
+    def copy_file(name: str) -> None:
+        original, path = source / name, target / name
+        if isinstance(original, Path):
+            obstore.put(bucket_of(path), key_of(path), original)
+            return
+        assert isinstance(path, Path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with temporary(path) as temporary_file:
             with temporary_file.open("wb") as file:
-                for part in obstore.get(bucket_of(source), key_of(source)).stream():
+                for part in obstore.get(bucket_of(original), key_of(original)).stream():
                     file.write(part)
-            temporary_file.replace(target)
-    else:
-        assert isinstance(source, Path)
-        obstore.put(bucket_of(target), key_of(target), source)
+            temporary_file.replace(path)
+
+    map_in_threads(copy_file, list(names))
 
 
 def map_in_threads(function: Callable[[A], B], items: Sequence[A]) -> list[B]:

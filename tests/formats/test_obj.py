@@ -200,7 +200,7 @@ def test_lines_that_cannot_be_read_are_refused(tmp_path: Path, face: str, words:
 @pytest.mark.parametrize("comment", ["", "  # of the roof"])
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 def test_lines_with_other_blanks_and_comments_are_read(tmp_path: Path, first: str, second: str, comment: str, end: str) -> None:
-    lines = ["# a square", f"{first} 0 0 0", f"{first} 1 0 0{comment}", "v 1 1 0", "v 0 1 0", f"{second} 1 2 3{comment}", "f 1 3 4"]
+    lines = ["# a square of C:\\", f"{first} 0 0 0", f"{first} 1 0 0{comment}", "v 1 1 0", "v 0 1 0", f"{second} 1 2 3{comment}", "f 1 3 4"]
     (tmp_path / "square.obj").write_text(end.join([*lines, ""]), newline="")
     mesh = load_mesh(tmp_path / "square.obj")
     assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3]]

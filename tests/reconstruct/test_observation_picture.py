@@ -10,7 +10,9 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.vision.camera import projection_matrix
+from pipeline.reconstruct.observation_checks import check
 from pipeline.reconstruct.observation_picture import draw_observation
+from pipeline.reconstruct.observation_placement import place_observation
 from tests.reconstruct.robot import target, write_files, write_observation
 
 CAMERA = projection_matrix(load_scene("supplement").camera).tolist()
@@ -56,7 +58,7 @@ def test_masks_that_are_inverted_or_hide_the_object_are_named(tmp_path: Path) ->
         ({"hand_mask": "mask.png"}, "camera.hand_mask covers all of the object: is it inverted?"),
     ):
         path = write_observation(tmp_path, entries | {"camera": entries["camera"] | changes})
-        assert f"warning: {words}" in draw_observation(path, tmp_path / "a.png", target("unoccluded"))
+        assert f"warning: {words}" in place_observation(check(path, target("unoccluded"))).remarks
 
 
 def test_a_photograph_of_one_pixel_is_drawn(tmp_path: Path) -> None:

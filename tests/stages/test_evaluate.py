@@ -146,7 +146,7 @@ def test_surface_quality_of_a_sphere_equals_closed_forms(evaluation):
 
 def test_closed_meshes_are_measured_on_request(data, evaluation):
     assert not len(figures(evaluation[0], "none").available("watertight"))
-    names = ("none", "occluded-touch")
+    names = ("none", "touch")
     folder, printed = evaluate(data, "shut", configurations=names, grasps=(1, 7), closed_resolution=64)
     assert "evaluate.grasps: 7 skipped: the dataset holds 5 grasps of each object" in printed
     assert list(read_root(folder)["configurations"]) == [*names]

@@ -153,16 +153,19 @@ def box(size: Sequence[float] | Array, exponent: float = 8.0, bevel: float = 1.0
     return column(rows, axis, count)
 
 
+def tube(line: Array, lateral: Array, flat: Array) -> Solid:  # (N, 3), (3,) or (N, 3), (1, K, 2) along `lateral` and across
+    """Loft one cross-section along a line."""
+    up = np.cross(np.gradient(line, axis=0), lateral)
+    up /= np.sqrt((up * up).sum(axis=1, keepdims=True))
+    return loft(line[:, None] + flat[..., :1] * np.expand_dims(lateral, -2) + flat[..., 1:] * up[:, None])
+
+
 def sweep(points: Rows, width: float, height: float, exponent: float = 3.0) -> Solid:
     """Loft along a smooth curve through points (N, 3): `width` along the axis in which it extends least, `height` across."""
     knots = np.array(points, float)
     length = np.cumsum([0.0, *np.sqrt((np.diff(knots, axis=0) ** 2).sum(axis=1))])
     line = scipy.interpolate.PchipInterpolator(length, knots)(np.linspace(0.0, length[-1], 5 * len(knots)))
-    lateral = np.eye(3)[np.ptp(line, axis=0).argmin()]
-    up = np.cross(np.gradient(line, axis=0), lateral)
-    up /= np.sqrt((up * up).sum(axis=1, keepdims=True))
-    flat = superellipse(width / 2.0, height / 2.0, exponent, 16)
-    return loft(line[:, None] + flat[..., :1] * lateral + flat[..., 1:] * up[:, None])
+    return tube(line, np.eye(3)[np.ptp(line, axis=0).argmin()], superellipse(width / 2.0, height / 2.0, exponent, 16))
 
 
 def bow(
@@ -182,11 +185,8 @@ def coil(rows: Rows, turns: float, axis: str = "z") -> Solid:
     angle = 2.0 * np.pi * turns * share
     outward = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
     line = radius[:, None] * outward + position[:, None] * [0.0, 0.0, 1.0]
-    across = np.cross(np.gradient(line, axis=0), outward)
-    across /= np.sqrt((across * across).sum(axis=1, keepdims=True))
-    flat = superellipse(thick, thick, 2.0, 12)
-    rings = line[:, None] - flat[..., :1] * across[:, None] + flat[..., 1:] * outward[:, None]
-    return loft(np.roll(rings, "xyz".index(axis) + 1, axis=-1))
+    solid = tube(line, outward, superellipse(thick, thick, 2.0, 12)[..., ::-1] * [1.0, -1.0])
+    return replace(solid, vertices=np.roll(solid.vertices, "xyz".index(axis) + 1, axis=-1))
 
 
 def smooth(rows: Rows, between: int = 4, at: ArrayLike = ()) -> Array:

@@ -4,6 +4,7 @@ import hashlib
 import os
 import subprocess
 import sys
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from pipeline.contrib.toy_objects.model import Model
+from pipeline.contrib.toy_objects.solids import Material, rod
 from pipeline.contrib.toy_objects.source import MAKERS, generate
 from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
 
@@ -159,3 +162,17 @@ def test_module_of_a_class_imports_no_other_classes_module(category: str) -> Non
     module = MAKERS[category].__module__
     imported = {getattr(value, "__module__", None) for value in vars(sys.modules[module]).values()}
     assert not imported & {maker.__module__ for maker in MAKERS.values()} - {module}
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "expected"),
+    [(-inf, inf, (-20.0, 0.0, 40.0)), (10.0, inf, (-10.0, 0.0, 30.0)), (-inf, -5.0, (-15.0, 0.0, 20.0)), (5.0, 10.0, (-10.0, 0.0, 25.0))],
+)
+def test_stretch_scales_between_two_positions_and_shifts_vertices_beyond(start, end, expected) -> None:
+    model = Model(np.random.default_rng(0))
+    model.add(Material((1, 2, 3)), rod(-10, 0, 3), rod(0, 20, 3))
+    model.stretch("x", start, end, 2.0)
+    first, second = (solid.vertices[:, 0] for solid in model.solids)
+    assert (first.min(), first.max(), second.max()) == expected
+    assert second.min() == 0.0
+    assert model.solids[0].vertices[:, 2].max() == pytest.approx(3.0, rel=0.02)
