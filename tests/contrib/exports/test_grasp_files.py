@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.config.settings import Settings
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
+from tests.command_line import vt
 from tests.engine.tiny_stages import pack
 from tests.stages import ball_dataset
 from tests.stages.ball_dataset import CENTRE, SCALE, TURN
@@ -32,8 +31,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def exported(data: Path, out: Path, form: str) -> Path:
-    result = CliRunner().invoke(app, ["export", str(data), str(out), "--to", form])
-    assert result.exit_code == 0, result.output
+    vt("export", data, out, "--to", form)
     return out
 
 
@@ -61,17 +59,14 @@ def test_arrays_are_in_the_frame_and_unit_of_the_object_file(data: Path, tmp_pat
 @pytest.mark.parametrize("form", ["grasps", "mesh", "webdataset"])
 def test_dataset_without_grasps_is_refused_and_writes_nothing(tmp_path: Path, form: str) -> None:
     ball_dataset.make_data(tmp_path / "my data", 1, ungrasped="a")
-    result = CliRunner().invoke(app, ["export", str(tmp_path / "my data"), str(tmp_path / "out"), "--to", form])
-    assert result.exit_code == 1
-    assert f"vt-pipeline status '{tmp_path / 'my data'}'`" in "".join(result.output.split("\n"))
+    printed = vt("export", tmp_path / "my data", tmp_path / "out", "--to", form, fails=True)
+    assert f"vt-pipeline status '{tmp_path / 'my data'}'`" in printed
     assert not (tmp_path / "out").exists()
 
 
 def test_unknown_object_is_named_with_the_existing_ones(data: Path, tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["export", str(data), str(tmp_path / "b.glb"), "--object", "zebra"])
-    assert "".join(result.output.split("\n")).endswith("it has a"), result.output
-    result = CliRunner().invoke(app, ["export", str(data), str(tmp_path / "b.glb"), "--object", "a"])
-    assert result.output.endswith("b.glb: 1 scene\n"), result.output
+    assert vt("export", data, tmp_path / "b.glb", "--object", "zebra", fails=True).endswith("it has a")
+    assert vt("export", data, tmp_path / "b.glb", "--object", "a").endswith("b.glb: 1 scene")
 
 
 def test_dexgraspbench_files_keep_poses_and_mass(data: Path, tmp_path: Path) -> None:
@@ -100,6 +95,6 @@ def test_grasps_of_other_surfaces_are_refused(tmp_path: Path) -> None:
     surfaces, *_ = ball_dataset.stages()
     asked: Any = Request(surfaces, Settings(), "balls", ball_dataset.objects(1), "draft", 2, tmp_path / "data")
     pack(asked, lambda unit: (row := surfaces.row(unit)) | {"points": row["points"][::-1]})
-    result = CliRunner().invoke(app, ["export", str(tmp_path / "data"), str(tmp_path / "out"), "--to", "grasps"])
-    assert result.exit_code == 1
-    assert "was made from other surfaces than the current ones" in " ".join(result.output.split())
+    assert "was made from other surfaces than the current ones" in vt(
+        "export", tmp_path / "data", tmp_path / "out", "--to", "grasps", fails=True
+    )
