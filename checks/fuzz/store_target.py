@@ -36,6 +36,8 @@ from schemas.touch import TOUCH
 LEFT_OUT = ("local_points", "local_count")
 SIZE = 2
 """Size of every dimension that a dataset chooses."""
+SIZES = {**FIXED, "direction": 6}
+"""Sizes of the others; grasps are held against gravity in one direction or six."""
 PROVENANCE: dict[str, Any] = {
     **{"location": "unpublished", "key": "0" * 64, "settings": {"grasps": 2}, "speed_settings": {}, "preset": "draft", "seed": 0},
     **{"manifest": "m", "models": {}, "versions": {"numpy": "2"}, "processor": {}},
@@ -121,7 +123,7 @@ def _make(data: Path) -> None:
 
 
 def _values(array: Array, rng: np.random.Generator) -> np.ndarray:
-    shape = tuple(1 if dim == "object" else FIXED.get(dim, SIZE) for dim in array.dims)
+    shape = tuple(1 if dim == "object" else SIZES.get(dim, SIZE) for dim in array.dims)
     if array.dtype == "string":
         return np.array([f"name-{number}" for number in range(shape[0])])
     if array.dims[-2:] == ("pose_row", "pose_column"):
