@@ -43,7 +43,7 @@ from pipeline.cli import app
 from pipeline.console import console, show_tables
 from pipeline.engine.plan import Request
 from pipeline.engine.make import plans
-from pipeline.contrib.report.results import results_tables
+from pipeline.contrib.report.results import Results
 from pipeline.store.directory import DataDirectory
 from stages.registry import load_stage, resolve
 from tests.stages import ball_dataset as balls
@@ -54,7 +54,7 @@ asked = ["train-ball.epochs=150", "evaluate.configurations=[ball-touch]", "evalu
 for name in ("train-ball", "evaluate"):
     (plan,) = plans(Request(load_stage(name), resolve(name, "draft", asked), "balls", balls.objects(6, splits), "draft", 0, data))
     plan.make(console)
-show_tables(console, results_tables(DataDirectory(data), ["evaluation"]))
+show_tables(console, Results(DataDirectory(data), ["evaluation"]).tables)
 app(["predict", str(data / "f.ply"), "--data", str(data), "--configuration", "ball-touch", "--object", "f"])
 """
 

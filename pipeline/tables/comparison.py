@@ -94,11 +94,6 @@ def _outdated(directory: DataDirectory, name: str) -> str | None:
     return "the pretrained network is another now; measure it with `report --shipped`" if other_weights else None
 
 
-def current_scores(directory: DataDirectory) -> list[str]:
-    """Name the scores that were made from the current inputs."""
-    return [name for name, problem in scores(directory).items() if problem is None]
-
-
 def read_values(folders: Sequence[Path]) -> Values:
     """Read the values per object of evaluations; raise a `StoreError` if their objects or settings differ."""
     values: Values = {}

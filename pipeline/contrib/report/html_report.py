@@ -22,7 +22,7 @@ from pipeline.contrib.report.figures import CANDIDATES, clearest_grasp, draw_fig
 from pipeline.contrib.report.object_page import ObjectPages
 from pipeline.contrib.report.provenance import commands, contents_table, outside_sweeps, records, settings_tables, versions_tables
 from pipeline.contrib.report.report_source import Picture, ReportSource
-from pipeline.contrib.report.results import GIVEN, results_tables, summarise, trained_models, training_losses
+from pipeline.contrib.report.results import GIVEN, summarise, trained_models, training_losses
 from pipeline.drawing.picture_sheet import spread_evenly
 from pipeline.drawing.plots import draw_bars, draw_curves, draw_errors, draw_histogram
 from pipeline.drawing.written_files import WRITTEN, ObjectCard, Pages, read_list, refuse_links
@@ -50,12 +50,12 @@ CARDS = 8
 """Objects on the first page."""
 
 
-def write_report(data: Location, console: Console, max_objects: int = 10) -> Location:
-    """Write the report of a data directory into its folder `report`, with at most `max_objects` reconstructions in a figure.
+def write_report(source: ReportSource, console: Console, max_objects: int = 10) -> Location:
+    """Write a report into the folder `report` of the data directory, with at most `max_objects` reconstructions in a figure.
 
     Pages of objects that are up to date are kept. Returns its first page.
     """
-    source, report = ReportSource(data), data / "report"
+    report = source.directory.root / "report"
     refuse_links(report)
     try:
         before = read_list(report / WRITTEN, Pages)
@@ -78,7 +78,7 @@ def write_report(data: Location, console: Console, max_objects: int = 10) -> Loc
             "index.html",
             hero=_overview(source, folder),
             cards=spread_evenly(cards, CARDS),
-            tables=touch_tables(source.touches),
+            tables=touch_tables(source.results.touches),
             plots=_plots(source, objects, folder),
             tiles=_tiles(source),
             objects=len(objects),
@@ -147,11 +147,11 @@ def _escaped(value: Any) -> Any:
 
 def _tiles(source: ReportSource) -> list[tuple[str, str]]:
     """Count objects, grasps, touches, failures, and grasps that hold where that was tested, for the first page."""
-    touched, held = (joined(source.touches.objects, name) for name in ("touched", "held"))
+    touched, held = (joined(source.results.touches.objects, name) for name in ("touched", "held"))
     hold_tiles = [(f"{100 * held.mean():.0f} %", "of grasps hold the object")] if held.size else []
     return [
         _counted(len(source.object_ids), "object", " without failures" if source.failures else ""),
-        _counted(len(source.touches.by_class), "class"),
+        _counted(len(source.results.touches.by_class), "class"),
         _counted(len(touched), "grasp"),
         _counted(int(touched.sum()), "touch", f", {100 * touched.mean():.0f} % of {touched.size}"),
         *hold_tiles,
@@ -178,7 +178,7 @@ def _overview(source: ReportSource, folder: Path) -> dict[str, Any]:
 
 def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path) -> list[Picture]:
     """Draw the touches per grasp, beside the paper's if these are to be compared, and the contact areas by class."""
-    shares, theirs = source.touches.per_grasp, source.touches.supplement_per_grasp
+    shares, theirs = source.results.touches.per_grasp, source.results.touches.supplement_per_grasp
     bars: Mapping[str, ArrayLike] = {"here": shares} | ({PAPER: theirs} if theirs else {})
     draw_bars(folder / "figures" / "touches.svg", bars, range(len(shares)), x="touches per grasp", y="% of grasps")
     areas = {
@@ -191,7 +191,7 @@ def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path
     return [
         Picture("figures/touches.svg", f"Touches per grasp here: {shares_text}", "Successful touches per grasp"),
         Picture("figures/contact.svg", f"Mean contact area, mm²: {means}", f"Contact area; mean, mm²: {means}"),
-        *_hold_plots(source.touches.objects, folder / "figures"),
+        *_hold_plots(source.results.touches.objects, folder / "figures"),
     ]
 
 
@@ -213,9 +213,8 @@ def _hold_plots(objects: Sequence[ObjectTouches], folder: Path) -> list[Picture]
 
 def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
     """Make the summary and the tables of the evaluations, and the figures of the learning curves."""
-    directory, models = source.directory, trained_models(source.directory, source.evaluated)
-    tables, curves = results_tables(directory, source.evaluated, source.scored), []
-    for name, model in models.items():
+    directory, tables, curves = source.directory, source.results.tables, []
+    for name, model in trained_models(directory, source.results.evaluated).items():
         file = f"figures/learning-{name}.svg"
         draw_curves(*training_losses(directory.verified_folder(model)), folder / file)
         curves.append(Picture(file, f"Training and validation loss of {name} by epoch", name))
@@ -224,7 +223,8 @@ def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
 
 def _summary(source: ReportSource, folder: Path) -> dict[str, Any] | None:
     """Summarise the results, and draw the error by what networks are given."""
-    evaluated, scored = ([source.directory.verified_folder(name) for name in names] for names in (source.evaluated, source.scored))
+    names = (source.results.evaluated, source.results.scored)
+    evaluated, scored = ([source.directory.verified_folder(name) for name in part] for part in names)
     folders = [*evaluated[:1], *scored]
     if not folders or (summary := summarise(folders[0], folders[1:], evaluated[1:])) is None:
         return None

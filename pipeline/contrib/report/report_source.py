@@ -1,7 +1,6 @@
 """Read the content of a report: artifacts of a data directory, and the figures of each object in its evaluation."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,6 +8,7 @@ import numpy as np
 import trimesh
 
 from pipeline.console import Row, Table, pluralise
+from pipeline.contrib.report.results import Results
 from pipeline.dataset.completed_objects import CompletedObjects
 from pipeline.dataset.object_rows import is_surface
 from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS
@@ -17,10 +17,8 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.directory import Collection
 from pipeline.store.storage import Location
-from pipeline.store.validate import check_origins
-from pipeline.tables.comparison import current_scores, difference
+from pipeline.tables.comparison import difference, scores
 from pipeline.tables.evaluation_tables import ACCURACY
-from pipeline.tables.touch_tables import Touches, read_touches
 from stages.evaluate.evaluation_files import (
     SHIPPED_SCORES,
     Arrays,
@@ -46,24 +44,20 @@ class Picture(NamedTuple):
 
 
 class ReportSource(CompletedObjects):
-    """The artifacts of a data directory that a report shows, its evaluations (one per training seed) and the scores of other methods.
+    """The artifacts of a data directory that a report shows, and its results.
 
     `measured` are those that keep surfaces, which are shown: the first evaluation, and the score of the pretrained
     network; `evaluation` is their content, None if no network has been evaluated.
     """
 
-    def __init__(self, data: Location) -> None:
+    def __init__(self, data: Location, results: Results | None = None) -> None:
         super().__init__(data, ("surfaces", "grasps", "touch"), ("vision", "charts"))
-        self.evaluated, self.scored = evaluations(self.directory), current_scores(self.directory)
-        check_origins(self.directory, self.evaluated)
-        self.measured = [*self.evaluated[:1], *(name for name in self.scored if name == SHIPPED_SCORES)]
+        self.results = results or Results(
+            self.directory, evaluations(self.directory), [name for name, problem in scores(self.directory).items() if not problem]
+        )
+        self.measured = [*self.results.evaluated[:1], *(name for name in self.results.scored if name == SHIPPED_SCORES)]
         folders = [self.directory.verified_folder(name) for name in self.measured]
         self.evaluation = Evaluation(folders, self.collections.get("charts")) if folders else None
-
-    @cached_property
-    def touches(self) -> Touches:
-        """The touches of all grasps."""
-        return read_touches(self.directory.root)
 
 
 class Prediction(NamedTuple):
@@ -136,27 +130,18 @@ class Evaluation:
         return surface_of(table, table["object_id"].tolist().index(object_id), prediction.case)
 
     def mesh(self, object_id: str, prediction: Prediction) -> Mesh:
-        """Make the mesh of a reconstruction, with the touch charts of its input if these are fitted."""
-        return predicted_mesh(self.fitted, object_id, self.tables[prediction.network], prediction.case)
-
-
-def predicted_mesh(
-    fitted: Collection | None,  # the artifact `charts`; None if there are none
-    object_id: str,
-    table: Arrays,  # the network's group below `predictions` or `meshes`
-    case: int,  # number of the choice of grasps
-) -> Mesh:
-    """Make a mesh of a prediction: in grey, with the touch charts of its input in orange."""
-    vertices, faces = ([part] for part in surface_of(table, table["object_id"].tolist().index(object_id), case))
-    count, first_grasp = int(table["grasps_given"][case]), int(table["first_grasp"][case])
-    if count and fitted is not None and "position" in table:  # touch charts are not part of a mesh
-        row = fitted.view(object_id)
-        charts, touched = row["vertices"], is_surface(row["stop_rule"])  # (grasp, sensor, S, 3), (grasp, sensor)
-        grasps = [(first_grasp + step) % len(charts) for step in range(count)]
-        vertices += list(charts[grasps][touched[grasps]])
-        faces += [row["chart_faces"]] * (len(vertices) - 1)
-    points, triangles = trimesh.util.append_faces(vertices, faces)
-    return two_coloured(points, triangles, len(faces[0]))
+        """Make the mesh of a reconstruction: in grey, with the touch charts of its input, if these are fitted, in orange."""
+        vertices, faces = ([part] for part in self.surface(object_id, prediction))
+        table = self.tables[prediction.network]
+        count, first_grasp = (int(table[name][prediction.case]) for name in ("grasps_given", "first_grasp"))
+        if count and self.fitted is not None and "position" in table:  # touch charts are not part of a mesh
+            row = self.fitted.view(object_id)
+            charts, touched = row["vertices"], is_surface(row["stop_rule"])  # (grasp, sensor, S, 3), (grasp, sensor)
+            grasps = [(first_grasp + step) % len(charts) for step in range(count)]
+            vertices += list(charts[grasps][touched[grasps]])
+            faces += [row["chart_faces"]] * (len(vertices) - 1)
+        points, triangles = trimesh.util.append_faces(vertices, faces)
+        return two_coloured(points, triangles, len(faces[0]))
 
 
 def two_coloured(
