@@ -54,7 +54,7 @@ asked = ["train-ball.epochs=150", "evaluate.configurations=[ball-touch]", "evalu
 for name in ("train-ball", "evaluate"):
     (plan,) = plans(Request(load_stage(name), resolve(name, "draft", asked), "balls", balls.objects(6, splits), "draft", 0, data))
     plan.make(console)
-show_tables(console, Results(DataDirectory(data), ["evaluation"]).tables)
+show_tables(Results(DataDirectory(data), ["evaluation"]).tables)
 app(["predict", str(data / "f.ply"), "--data", str(data), "--configuration", "ball-touch", "--object", "f"])
 """
 

@@ -10,7 +10,7 @@ from pipeline.cli import options
 from pipeline.cli.failures import fail
 from pipeline.cli.options import DataArgument
 from pipeline.config.settings import value_text
-from pipeline.console import console, errors, print_lines, print_table, show_tables
+from pipeline.console import Row, Table, console, errors, print_lines, show_tables
 from pipeline.errors import InvalidInput, PipelineError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location
@@ -76,10 +76,10 @@ def stages() -> None:
         reads = ", ".join(stage.reads(settings)) or "the manifest's meshes"
         console.print(f"[bold]{name}[/]  {stage.summary}\n  reads {reads}; writes {stage.writes(settings)}")
         rows = [
-            (setting, escape(value_text(info.default)), stage.settings_type.changes(setting), info.description)
+            Row([setting, value_text(info.default), stage.settings_type.changes(setting), info.description])
             for setting, info in stage.settings_type.model_fields.items()
         ]
-        print_table(console, ("setting", "default", "changes", "why"), rows)
+        show_tables([Table("", ["setting", "default", "changes", "why"], rows)])
 
 
 def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False) -> None:
@@ -109,7 +109,7 @@ def summary(
 
     directory = as_location(data)
     print_lines(directory.resolve())
-    show_tables(console, touch_tables(read_touches(directory)))
+    show_tables(touch_tables(read_touches(directory)))
     missing = [name for name in SHOWN if not DataDirectory(directory).collection(ARTIFACTS[name]).shards]
     if missing:
         print_lines(f"no contact sheets: {' and '.join(missing)} {'have' if len(missing) > 1 else 'has'} not been made")

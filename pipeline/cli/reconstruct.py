@@ -116,7 +116,7 @@ def score(
 
     directory = DataDirectory(data)
     results = directory.verified_folder(measure(folder, directory.root, console, name=name, grasps=grasps, misplaced=misplaced))
-    show_tables(console, evaluation_tables(results))
+    show_tables(evaluation_tables(results))
     shown = f"`vt-pipeline report {shlex.quote(data)}` shows them beside the networks'"
     print_lines(f"{results / METRICS}: the means as JSON, with the settings; {shown}")
 

@@ -97,7 +97,7 @@ def _show(trade: MeasuredTrade, data: Path) -> None:
     from pipeline.tradeoff.trade_pictures import draw_trade, trade_table
     from pipeline.tradeoff.trades import FOLDER
 
-    show_tables(console, [trade_table(trade)])
+    show_tables([trade_table(trade)])
     if trade.points:
         draw_trade(trade, path := data / FOLDER / f"{trade.stage}.svg", trade.own())
         print_lines(path)
@@ -134,7 +134,7 @@ def advise(
     trades = _current(Setup(where, described.name, (), described.seed, preset, tuple(assignments or ())))
     workload = Workload(objects or len(trades[0].objects), cores or len(os.sched_getaffinity(0)))
     choices = within_time(trades, workload, seconds) if limit is None else within_error(trades, workload, limit)
-    show_tables(console, [_table(choices, workload)])
+    show_tables([_table(choices, workload)])
     counts = [len(trade.objects) for trade in trades]
     measured_on = pluralise(max(counts)) if min(counts) == max(counts) else f"{min(counts)} to {max(counts)} objects"
     work = f"{pluralise(workload.objects)} on {pluralise(workload.cores, 'core')}"
@@ -221,7 +221,7 @@ def sweep(
             failed += 1
             print_warning("failed", f"{folder}: {error}")
     if finished:
-        sweeps.show_sweep(finished, console)
+        show_tables([sweeps.sweep_table(finished)])
     if failed:
         fail(f"{pluralise(failed, 'point')} failed, see above")
 

@@ -142,7 +142,7 @@ def show(account: Account, console: Console) -> None:
     if folders := {entry.folder: entry for entry in account.folders}:
         facts: Columns = {"stage": ("", attrgetter("stage")), **size, "": ("", lambda entry: "stale" if entry.stale else "")}
         tables.append(tabulate("", "folder", folders, facts))
-    show_tables(console, tables)
+    show_tables(tables, console)
     stale = [*(entry.stale for entry in account.artifacts), *(entry.stale for entry in account.folders)]
     lines = [("yellow", "stale", why) for why in dict.fromkeys(stale) if why]
     if mixed := ", ".join(entry.artifact for entry in account.artifacts if len(entry.processors) > 1):
@@ -176,7 +176,7 @@ def _show_jobs(jobs: Mapping[str, dict[str, Any]], console: Console) -> None:
     columns: Columns = {"number": ("", lambda job: job["number"])}
     columns |= {state: ("", partial(_count, state)) for state in JOB_STATES}
     columns[""] = ("", lambda job: ", ".join(sorted({why for task, why in job["why"].items() if job["states"][task] != "failed"} - {""})))
-    show_tables(console, [tabulate("Slurm", "job", {job["name"]: job for job in jobs.values()}, columns)])
+    show_tables([tabulate("Slurm", "job", {job["name"]: job for job in jobs.values()}, columns)], console)
     failed = [(job, task) for job in jobs.values() for task, state in job["states"].items() if state == "failed"]
     for job, task in failed:
         console.print(f"[yellow]failed[/] {escape(job['name'])}, task {task}: {escape(job['why'][task])}")

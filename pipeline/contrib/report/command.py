@@ -44,12 +44,12 @@ def report(
     if exists(directory.folder_record(SINGLE)):
         check_origins(directory, [SINGLE])
         trainings = training_table(directory, {"single-image": "models/single-image"})
-        show_tables(console, [*evaluation_tables(directory.verified_folder(SINGLE)), trainings])
+        show_tables([*evaluation_tables(directory.verified_folder(SINGLE)), trainings])
         if not (evaluated or scored or directory.collection(GRASPS).shards):  # single images alone have no pages
             return
     results = Results(directory, evaluated, scored)
     if evaluated or scored:
-        show_tables(console, results.tables)
+        show_tables(results.tables)
     if pages:
         print_lines(f"report: {write_report(ReportSource(directory.root, results), console, most)}")
     if not (evaluated or scored):
