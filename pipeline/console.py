@@ -5,9 +5,9 @@ import multiprocessing
 import re
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TextIO
+from typing import Any, TextIO, TypeVar
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
@@ -15,6 +15,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.segment import Segment
 from rich.table import Column
 from rich.table import Table as RichTable
+
+Item = TypeVar("Item")
 
 SECONDS_PER_LINE = 15.0
 NAMED = 5
@@ -167,6 +169,14 @@ class Meter:
             self._last = time.monotonic()
             progress = f"{self._title}: {task.completed:.0f} of {task.total:.0f} {self._of}, {task.elapsed or 0:.0f} s{note}"
             self._bar.console.print(escape(progress))
+
+
+def with_progress(items: Sequence[Item], title: str, of: str = "objects", after: float = 0.0) -> Iterator[Item]:
+    """Iterate over items, with a meter on standard error."""
+    with Meter(errors, title, len(items), of, after=after) as meter:
+        for item in items:
+            yield item
+            meter.advance()
 
 
 def _owns_terminal(console: Console) -> bool:

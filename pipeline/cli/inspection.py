@@ -45,7 +45,8 @@ def check(
     from pipeline.checks.description_checks import check_file, described_file
     from pipeline.checks.manifest_check import MeshFiles
 
-    path, kind, drawing = described_file(file, picture)
+    described = described_file(file, picture)
+    path, kind, drawing = described
     meshes = None if objects is None and units is None and up is None else MeshFiles(objects, units, up)
     if kind == "observation" and meshes is None:
         from pipeline.models.shipped_weights import models_location
@@ -58,7 +59,7 @@ def check(
         option = f"--models {models}" if configuration is None else f"--configuration {configuration}"
         raise InvalidInput(f"{path} is a {kind} file; only an observation is checked against models: leave out {option}")
     else:
-        lines = check_file(file, picture, meshes)
+        lines = check_file(described, meshes)
     print_lines(*lines)
     if any(line.startswith("fault:") for line in lines):
         raise typer.Exit(1)
@@ -84,11 +85,10 @@ def stages() -> None:
 
 def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False) -> None:
     """Show contents, failures and Slurm jobs of a data directory."""
-    from pipeline.cluster.slurm import jobs_account
     from pipeline.tables import status as report
 
     directory = as_location(data)
-    account = report.read_account(directory, lambda: jobs_account(directory))
+    account = report.read_account(directory)
     if as_json:
         typer.echo(account.to_json())
     elif not (account.artifacts or account.folders or account.damaged or account.other_versions or account.jobs):

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any, cast, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import typer
@@ -20,6 +20,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location
 
 MM, MM2 = 1e3, 1e6
+Surface = Literal["charts", "joined", "both", "closed"]
 
 
 def predict(
@@ -45,7 +46,9 @@ def predict(
         Path | None, typer.Option(help="YAML file of what a robot saw and felt (docs/guide/own-photographs.md); instead of --data.")
     ] = None,
     training_seed: Annotated[int, typer.Option(min=0, help="Which training of the model, where there are several.")] = 0,
-    surface: Annotated[str, typer.Option(help="charts, joined (at their seams), both, or closed: one smooth watertight mesh.")] = "both",
+    surface: Annotated[
+        Surface, typer.Option(help="charts, joined (at their seams), both, or one smooth closed mesh.")
+    ] = "both",
     resolution: Annotated[int, typer.Option(min=64, max=400, help="Edges of the closed mesh along its longest side.")] = 128,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the chart fitting.")] = 0,
 ) -> None:
@@ -56,8 +59,6 @@ def predict(
     from pipeline.models.shipped_weights import models_location
     from pipeline.reconstruct import predict as prediction
 
-    if surface not in get_args(prediction.Surface):
-        fail(f"--surface {surface}: it is one of {', '.join(get_args(prediction.Surface))}")
     source: prediction.Source = observation
     if data is not None:
         if observation is not None:
@@ -70,7 +71,7 @@ def predict(
         fail(f"{option} is of a data directory: name --data and --object, or omit it")
     place = models_location(models) if models else None
     options = prediction.PredictOptions(place, configuration, training_seed, seed=seed, resolution=resolution)
-    result = prediction.predict(out, source, options, cast(prediction.Surface, surface))
+    result = prediction.predict(out, source, options, surface)
     mesh = result.closed or result.reconstruction
     size = f"{len(mesh.vertices)} vertices, {len(mesh.faces)} faces, {result.given_places}"
     if (closed := result.closed) is not None:

@@ -1,7 +1,7 @@
 """List the contents of a data directory, for people and for scripts."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -11,6 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
+from pipeline.cluster.slurm import jobs_account
 from pipeline.console import Columns, abbreviate, pluralise, show_tables, tabulate
 from pipeline.errors import OtherVersion, StoreError
 from pipeline.store.directory import DataDirectory, made_by
@@ -80,12 +81,12 @@ class Account:
                 lines.append(str(error))
 
 
-def read_account(data: Location, jobs: Callable[[], Mapping[str, dict[str, Any]]] = dict) -> Account:
+def read_account(data: Location) -> Account:
     """Read every artifact and folder of a data directory, in the pipeline's order, and its jobs on a cluster."""
     directory, folder = DataDirectory(data), on_disk(data)
     account = Account(garbage=sum(_megabytes(files_below(path)) for path in all_unreferenced(directory)))
     with account.unless_unreadable():
-        account.jobs.update(jobs())
+        account.jobs.update(jobs_account(data))
     if not (folder.is_dir() if folder else list_folder(data) or account.jobs or account.damaged or account.other_versions):
         raise StoreError(f"{data.resolve()} is not a data directory; make one with `vt-pipeline run`, or name another")
     for name in directory.artifact_names():
