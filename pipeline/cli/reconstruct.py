@@ -46,9 +46,7 @@ def predict(
         Path | None, typer.Option(help="YAML file of what a robot saw and felt (docs/guide/own-photographs.md); instead of --data.")
     ] = None,
     training_seed: Annotated[int, typer.Option(min=0, help="Which training of the model, where there are several.")] = 0,
-    surface: Annotated[
-        Surface, typer.Option(help="charts, joined (at their seams), both, or one smooth closed mesh.")
-    ] = "both",
+    surface: Annotated[Surface, typer.Option(help="charts, joined (at their seams), both, or one smooth closed mesh.")] = "both",
     resolution: Annotated[int, typer.Option(min=64, max=400, help="Edges of the closed mesh along its longest side.")] = 128,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the chart fitting.")] = 0,
 ) -> None:
@@ -59,7 +57,7 @@ def predict(
     from pipeline.models.shipped_weights import models_location
     from pipeline.reconstruct import predict as prediction
 
-    source: prediction.Source = observation
+    source: prediction.Observed = observation
     if data is not None:
         if observation is not None:
             fail("give a data directory and an object, or an observation, not both")

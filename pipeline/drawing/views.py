@@ -6,13 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.vision.camera import Camera, Vector, camera_pose, look_at, project_points, projection_matrix
 from pipeline.kernels.vision.scene import Label, Scene
 from pipeline.kernels.vision.view_transfer import camera_direction
 from stages.render_vision.renderer import Renderer
-
-Array = NDArray[np.float64]
 
 AZIMUTHS, ELEVATIONS = np.deg2rad(np.arange(-180, 180, 45)), np.deg2rad([25.0, -15.0])
 """Directions from which a second camera is chosen; a low one shows what the fingers do below."""

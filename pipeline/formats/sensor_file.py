@@ -10,7 +10,7 @@ from PIL import Image
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path, read_description
 from pipeline.formats.file_content import expanded
-from pipeline.formats.image_file import read_image
+from pipeline.formats.image_file import encode_image, read_image
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor, resample
 
@@ -28,9 +28,7 @@ def load_sensor(name: str | Path, *, shape: tuple[int, int] | None = None) -> Se
                 f"{file} has {image.shape[0]} x {image.shape[1]} pixels, {path} says {sensor.rows} x {sensor.cols}; make them agree"
             )
         if not np.array_equal(np.asarray(Image.open(io.BytesIO(content)).convert("RGB")), image):  # kernels ignore EXIF data
-            upright = io.BytesIO()
-            Image.fromarray(image).save(upright, "PNG")
-            content = upright.getvalue()
+            content = encode_image(image)
         sensor = sensor.model_copy(update={"photograph": content})
     return sensor if shape is None else resample(sensor, *shape)
 

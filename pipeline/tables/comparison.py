@@ -20,7 +20,7 @@ COMPARED = ("points", "tau", "scale", "rings")
 MAY_DIFFER = ("training_seed", "configurations")
 """Settings in which evaluations of several trainings may differ."""
 
-Values = dict[str, dict[int, Figures]]
+Trainings = dict[str, dict[int, Figures]]
 """By configuration, the figures of each of its trainings, by seed."""
 
 
@@ -94,9 +94,9 @@ def _outdated(directory: DataDirectory, name: str) -> str | None:
     return "the pretrained network is another now; measure it with `report --shipped`" if other_weights else None
 
 
-def read_values(folders: Sequence[Path]) -> Values:
+def read_values(folders: Sequence[Path]) -> Trainings:
     """Read the values per object of evaluations; raise a `StoreError` if their objects or settings differ."""
-    values: Values = {}
+    values: Trainings = {}
     first = read_root(folders[0])
     for folder in folders:
         root = read_root(folder)

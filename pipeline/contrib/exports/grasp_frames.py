@@ -1,13 +1,8 @@
 """Read a dataset as frames, one per grasp, with the type, unit and meaning of each column, for every table format."""
 
-import io
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal
-
-import numpy as np
-from numpy.typing import NDArray
-from PIL import Image
 
 from pipeline.config.manifest import SPLITS
 from pipeline.console import pluralise, with_progress
@@ -93,10 +88,3 @@ class GraspFrames:
 
     def _by_finger(self, name: str, values: Iterable[Any]) -> dict[str, Any]:
         return {f"{name}.{finger}": value for finger, value in zip(self.labels["sensor"], values, strict=True)}
-
-
-def png(image: NDArray[np.uint8]) -> bytes:
-    """Write an image (R, C, 3) as PNG: lossless."""
-    buffer = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(image)).save(buffer, "PNG")
-    return buffer.getvalue()

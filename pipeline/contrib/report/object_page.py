@@ -3,7 +3,6 @@
 import base64
 import gzip
 import hashlib
-import io
 from collections.abc import Mapping
 from contextlib import ExitStack
 from functools import cached_property
@@ -14,7 +13,6 @@ from typing import Any
 import numpy as np
 from jinja2 import Template
 from numpy.typing import NDArray
-from PIL import Image
 
 from pipeline.contrib.report.report_source import ReportSource, best, errors_table
 from pipeline.dataset.mesh_rows import read_mesh
@@ -22,6 +20,7 @@ from pipeline.drawing.grasp_pictures import Rows, camera_images, grasp_note, siz
 from pipeline.drawing.grasp_scene import GraspScenes
 from pipeline.drawing.views import fitted_camera, render_mesh
 from pipeline.drawing.written_files import ObjectCard
+from pipeline.formats.image_file import encode_image
 from pipeline.kernels.touch.depth_maps import pressed_pixels
 from stages.render_vision.renderer import Renderer
 
@@ -139,9 +138,7 @@ def columns(places: int) -> int:
 
 
 def _webp(image: NDArray[np.uint8]) -> bytes:
-    buffer = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(image)).save(buffer, "WEBP", quality=85)
-    return buffer.getvalue()
+    return encode_image(image, "WEBP", quality=85)
 
 
 def _inline(image: NDArray[np.uint8]) -> str:  # a data URI, so that a page is one file

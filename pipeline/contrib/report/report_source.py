@@ -60,7 +60,7 @@ class ReportSource(CompletedObjects):
         self.evaluation = Evaluation(folders, self.collections.get("charts")) if folders else None
 
 
-class Prediction(NamedTuple):
+class ShownSurface(NamedTuple):
     """The reconstruction of an object from its first grasps."""
 
     network: str  # configuration
@@ -101,7 +101,7 @@ class Evaluation:
                         self.tables[name], self.figures[name] = surfaces, figures[name]
         self.configurations = list(self.tables)
 
-    def predictions(self, object_id: str) -> list[Prediction]:
+    def predictions(self, object_id: str) -> list[ShownSurface]:
         """List the reconstructions of an object with its first grasps, by network from few grasps to many; none if it was not evaluated."""
         if object_id not in self.object_ids:
             return []
@@ -112,7 +112,7 @@ class Evaluation:
                 felt, count = bool(table["grasps_given"][case]), max(int(table["grasps_given"][case]), 1)
                 figures = {metric: float(self.figures[name].per_case(metric, count)[row, 0]) for metric in SHOWN_METRICS}
                 inputs = name + (f", {pluralise(count, 'grasp')}" if felt else "")
-                predictions.append(Prediction(name, count, felt, case, figures, inputs))
+                predictions.append(ShownSurface(name, count, felt, case, figures, inputs))
         return predictions
 
     def ranked(self, names: Sequence[str]) -> list[str]:
@@ -124,12 +124,12 @@ class Evaluation:
 
         return sorted(self.object_ids, key=error)
 
-    def surface(self, object_id: str, prediction: Prediction) -> tuple[np.ndarray, np.ndarray]:  # (V, 3) m, (F, 3)
+    def surface(self, object_id: str, prediction: ShownSurface) -> tuple[np.ndarray, np.ndarray]:  # (V, 3) m, (F, 3)
         """Read the surface of a reconstruction."""
         table = self.tables[prediction.network]
         return surface_of(table, table["object_id"].tolist().index(object_id), prediction.case)
 
-    def mesh(self, object_id: str, prediction: Prediction) -> Mesh:
+    def mesh(self, object_id: str, prediction: ShownSurface) -> Mesh:
         """Make the mesh of a reconstruction: in grey, with the touch charts of its input, if these are fitted, in orange."""
         vertices, faces = ([part] for part in self.surface(object_id, prediction))
         table = self.tables[prediction.network]
@@ -153,12 +153,12 @@ def two_coloured(
     return painted_mesh(vertices, faces, np.arange(len(faces)) >= grey, [VISION_COLORS[0], TOUCH_COLOR])
 
 
-def best(predictions: Iterable[Prediction]) -> Prediction:
+def best(predictions: Iterable[ShownSurface]) -> ShownSurface:
     """Choose the reconstruction of the least mean distance."""
     return min(predictions, key=lambda prediction: prediction.figures["mean_distance"])
 
 
-def errors_table(predictions: Sequence[Prediction]) -> Table:
+def errors_table(predictions: Sequence[ShownSurface]) -> Table:
     """Make the table of the accuracy of an object's reconstructions."""
     rows = [
         Row([shown.network, shown.grasps * shown.felt, *(factor * shown.figures[metric] for metric, factor in SHOWN_METRICS.items())])

@@ -120,8 +120,8 @@ def trainings_table(folders: Sequence[Path]) -> list[Table]:
     values, seed, baselines = read_values(folders), read_root(folders[0])["seed"], read_figures(folders[0])
     counts = set(map(len, values.values()))
     title = (
-        f"Chamfer distance × {TABLE_3_FACTOR:.0f}, m², with one grasp, whichever is the first, {max(counts)} "
-        f"training{'s' * (max(counts) > 1)} of each network{' at most' * (len(counts) > 1)}; intervals over objects and trainings; "
+        f"Chamfer distance × {TABLE_3_FACTOR:.0f}, m², with one grasp, whichever is the first, "
+        f"{pluralise(max(counts), 'training')} of each network{' at most' * (len(counts) > 1)}; intervals over objects and trainings; "
         "surfaces: medians over objects"
     )
     rows = []
