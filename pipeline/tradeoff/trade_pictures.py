@@ -12,15 +12,10 @@ from matplotlib.transforms import BboxBase
 from pipeline.console import Row, Table, pluralise
 from pipeline.drawing.plots import INK, themed_svg
 from pipeline.tradeoff.trades import MeasuredTrade, Point
-from stages.registry import resolve
 
 BLUE, RED = "#4477aa", "#cc3311"
 LABEL_OFFSETS = ((True, 3), (True, -9), (False, 3), (False, -9), (True, 10), (True, -17))
 """Where a label is, in order of preference: whether to the right of its point, and how far upwards, points."""
-WHICH_NETWORK = ("configuration", "training_seed")
-"""Settings that say which network is trained, not how."""
-FROM_INPUTS = ("hand", "sensors")
-"""Settings that stages take from the grasps where they are null."""
 
 
 def draw_trade(trade: MeasuredTrade, path: Path, used: Point | None = None) -> None:
@@ -80,10 +75,3 @@ def trade_table(trade: MeasuredTrade) -> Table:
     count = pluralise(len(trade.objects)) + (f", {trade.trained} to learn from" if trade.trained else "")
     title = f"{trade.stage}: {trade.metric}{unit}; {count}, {trade.machine}"
     return Table(title, ["settings", trade.cost, "kB", "error", ""], rows, ["", ".3g", ".3g", ".3g", ""])
-
-
-def used_point(trade: MeasuredTrade, settings: Mapping[str, Any]) -> Point | None:
-    """Find the point with the settings that the record of the stage's output names; None where they were not measured."""
-    own = resolve(trade.stage, trade.preset, trade.assignments).results()
-    base = {name: value for name, value in own.items() if name not in WHICH_NETWORK and (value is not None or name not in FROM_INPUTS)}
-    return next((point for point in trade.points if all(settings.get(k) == v for k, v in {**base, **point.changes}.items())), None)

@@ -15,14 +15,14 @@ from PIL.Image import fromarray
 from skimage.util import montage
 
 from pipeline.console import pluralise
-from pipeline.contrib.report.report_source import Picture, ReportSource, best
+from pipeline.contrib.report.report_source import Picture, ReportSource, best, painted_mesh
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import is_surface
 from pipeline.drawing.colors import COLORS, depth_colors
 from pipeline.drawing.grasp_pictures import GraspPictures, touches_of
 from pipeline.drawing.picture_sheet import SheetRow, Tile, draw_sheet, spread_evenly
 from pipeline.drawing.plots import save_figure
-from pipeline.drawing.views import fitted_camera, painted_mesh, render_mesh
+from pipeline.drawing.views import fitted_camera, render_mesh
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES, VisionCharts, vision_charts
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.pregrasp import pregrasp_angles

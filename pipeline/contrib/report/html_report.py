@@ -20,11 +20,11 @@ import pipeline
 from pipeline.console import Meter, Row, Table, abbreviate, pluralise, visible
 from pipeline.contrib.report.figures import CANDIDATES, clearest_grasp, draw_figures, overview_panels, save_picture
 from pipeline.contrib.report.object_page import ObjectPages
+from pipeline.contrib.report.plots import draw_bars, draw_curves, draw_errors, draw_histogram
 from pipeline.contrib.report.provenance import commands, contents_table, outside_sweeps, records, settings_tables, versions_tables
 from pipeline.contrib.report.report_source import Picture, ReportSource
 from pipeline.contrib.report.results import GIVEN, summarise, trained_models, training_losses
 from pipeline.drawing.picture_sheet import spread_evenly
-from pipeline.drawing.plots import draw_bars, draw_curves, draw_errors, draw_histogram
 from pipeline.drawing.written_files import WRITTEN, ObjectCard, Pages, read_list, refuse_links
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
@@ -37,15 +37,19 @@ from pipeline.store.record import Failure
 from pipeline.store.storage import Location, exists, remove
 from pipeline.tables.supplement_figures import PAPER
 from pipeline.tables.touch_tables import ObjectTouches, joined, touch_tables
-from pipeline.tradeoff.trade_pictures import draw_trade, used_point
-from pipeline.tradeoff.trades import END_TO_END, read_trade
-from stages.registry import TRADED
+from pipeline.tradeoff.trade_pictures import draw_trade
+from pipeline.tradeoff.trades import END_TO_END, MeasuredTrade, Point, read_trade
+from stages.registry import TRADED, resolve
 
 ASSETS = Path(pipeline.__file__).parent / "assets" / "report"
 COPIED = ("style.css", "viewer.js", "gallery.js", "tables.js", "three.min.js", "three.LICENSE")
 PAGES = {"index.html": "Overview", "gallery.html": "Gallery", "figures.html": "Figures", "results.html": "Results", "about.html": "About"}
 UNITS = "mm²|mm|µm|m²|m|grasps?|kB"
 """Units that are kept on the line of their number."""
+WHICH_NETWORK = ("configuration", "training_seed")
+"""Settings that say which network is trained, not how."""
+FROM_INPUTS = ("hand", "sensors")
+"""Settings that stages take from the grasps where they are null."""
 CARDS = 8
 """Objects on the first page."""
 
@@ -254,6 +258,13 @@ def _trades(source: ReportSource, folder: Path) -> list[Picture]:
         caption = f"{trade.stage}, on {pluralise(len(trade.objects))}{mark}."
         pictures.append(Picture(file, f"{trade.metric}: {points}", caption))
     return pictures
+
+
+def used_point(trade: MeasuredTrade, settings: Mapping[str, Any]) -> Point | None:
+    """Find the point with the settings that the record of the stage's output names; None where they were not measured."""
+    own = resolve(trade.stage, trade.preset, trade.assignments).results()
+    base = {name: value for name, value in own.items() if name not in WHICH_NETWORK and (value is not None or name not in FROM_INPUTS)}
+    return next((point for point in trade.points if all(settings.get(k) == v for k, v in {**base, **point.changes}.items())), None)
 
 
 def _failures(failures: Mapping[str, Failure]) -> Table:

@@ -6,14 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
 from pipeline.console import Row, Table, pluralise
 from pipeline.contrib.report.results import Results
 from pipeline.dataset.completed_objects import CompletedObjects
 from pipeline.dataset.object_rows import is_surface
 from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS
-from pipeline.drawing.views import painted_mesh
-from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.directory import Collection
 from pipeline.store.storage import Location
@@ -142,6 +142,22 @@ class Evaluation:
             faces += [row["chart_faces"]] * (len(vertices) - 1)
         points, triangles = trimesh.util.append_faces(vertices, faces)
         return two_coloured(points, triangles, len(faces[0]))
+
+
+def painted_mesh(
+    vertices: NDArray[np.floating],  # (V, 3) m
+    faces: NDArray[np.integer],  # (F, 3)
+    material: NDArray[np.integer] | NDArray[np.bool_],  # (F,) numbers of colours
+    colors: Sequence[tuple[int, ...]],  # RGBA, 0 to 255
+) -> Mesh:
+    """Make a mesh in plain colours."""
+    look = Look(
+        uv=np.zeros((len(vertices), 2), np.float32),
+        face_material=material.astype(np.int32),
+        base_color=np.array(colors, np.uint8),
+        material_texture=np.full(len(colors), -1, np.int32),
+    )
+    return Mesh(vertices.astype(np.float64), faces.astype(np.int32), look)
 
 
 def two_coloured(

@@ -5,10 +5,9 @@ from types import SimpleNamespace
 from typing import Any
 
 from pipeline.console import console
-from pipeline.contrib.report.html_report import _trades, write_report
+from pipeline.contrib.report.html_report import _trades, used_point, write_report
 from pipeline.contrib.report.report_source import ReportSource
 from pipeline.store.directory import DataDirectory
-from pipeline.tradeoff.trade_pictures import used_point
 from stages.registry import resolve
 from tests.stages import ball_dataset
 from tests.tradeoff.measured_trades import point, trade
