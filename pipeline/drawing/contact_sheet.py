@@ -30,6 +30,7 @@ DRAWN = "contact-sheet.key"
 class Sheets(WrittenFiles):
     """The sheets of a data directory; no other file of it is replaced or removed."""
 
+    key: Sha256  # hash of all that they show
     files: dict[Annotated[str, Field(pattern=r"^contact-sheet(-[0-9]+)?\.png$")], Sha256]
 
 
@@ -42,7 +43,7 @@ def contact_sheets(data: Location, max_objects: int) -> list[Location]:
         sheets = read_list(data / DRAWN, Sheets)
     except StoreError:  # none was drawn, or the list is damaged
         sheets = Sheets(key="0" * 64, files={})
-    if not sheets.is_up_to_date(key, changed_files(data, sheets.files)):
+    if sheets.key != key or changed_files(data, sheets.files):
         before = sheets.files
         with atomic_writes(data) as folder:
             draw_contact_sheet(source, object_ids, folder / "contact-sheet.png")

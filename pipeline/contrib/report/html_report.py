@@ -19,13 +19,13 @@ from rich.console import Console
 import pipeline
 from pipeline.console import Meter, Row, Table, abbreviate, pluralise, visible
 from pipeline.contrib.report.figures import CANDIDATES, clearest_grasp, draw_figures, overview_panels, save_picture
-from pipeline.contrib.report.object_page import ObjectPages
+from pipeline.contrib.report.object_page import ObjectCard, ObjectPages, Pages
 from pipeline.contrib.report.plots import draw_bars, draw_curves, draw_errors, draw_histogram
 from pipeline.contrib.report.provenance import commands, contents_table, outside_sweeps, records, settings_tables, versions_tables
 from pipeline.contrib.report.report_source import Picture, ReportSource
 from pipeline.contrib.report.results import GIVEN, summarise, trained_models, training_losses
 from pipeline.drawing.picture_sheet import spread_evenly
-from pipeline.drawing.written_files import WRITTEN, ObjectCard, Pages, read_list, refuse_links
+from pipeline.drawing.written_files import WRITTEN, read_list, refuse_links
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
 from pipeline.physics.hold_test import REST, WITHIN
@@ -64,13 +64,13 @@ def write_report(source: ReportSource, console: Console, max_objects: int = 10) 
     try:
         before = read_list(report / WRITTEN, Pages)
     except StoreError:  # there is none, or it is damaged
-        before = Pages()
+        before = Pages(files={}, objects={})
     with atomic_writes(report) as folder:
         (folder / "objects").mkdir()
         (folder / "figures").mkdir()
         for name in COPIED:
             shutil.copyfile(ASSETS / name, folder / name)
-        objects = _write_objects(source, folder, console, before, changed_files(report, before.every_file()))
+        objects = _write_objects(source, folder, console, before, changed_files(report, before.files))
         cards = [{"id": name, **card.model_dump()} for name, card in objects.items()]
 
         def write(name: str, **content: Any) -> None:
@@ -102,10 +102,11 @@ def write_report(source: ReportSource, console: Console, max_objects: int = 10) 
             settings=settings_tables(source.directory, origins),
             versions=versions_tables(origins),
         )
-        other_files = {name: sha256 for name, sha256 in hashes_of(folder).items() if not name.startswith("objects/")}
-        pages = Pages(objects=objects, files=other_files)
+        kept = [name for name, card in objects.items() if card is before.objects.get(name)]
+        kept_files = {path: sha256 for name in kept for path, sha256 in before.files_of(name).items()}
+        pages = Pages(objects=objects, files=kept_files | hashes_of(folder))
         (folder / WRITTEN).write_text(pages.model_dump_json())
-        for obsolete in before.every_file().keys() - pages.every_file().keys():
+        for obsolete in before.files.keys() - pages.files.keys():
             if exists(report / obsolete):
                 remove(report / obsolete)
     return report / "index.html"
@@ -123,7 +124,8 @@ def _write_objects(source: ReportSource, folder: Path, console: Console, previou
         for object_id, before, after in zip(ids, [None, *ids[:-1]], [*ids[1:], None], strict=True):
             split = source.collections["surfaces"].row(object_id).split  # which no digest contains
             key = digest.of_json([shared_hashes, evaluated, source.digests(object_id), split, before, after, common["name"]])
-            if (card := previous.objects.get(object_id)) is None or not card.is_up_to_date(key, changed):
+            card = previous.objects.get(object_id)
+            if card is None or card.key != key or any(path in changed for path in previous.files_of(object_id)):
                 card = pages.write(object_id, key, common | {"before": before, "after": after})
             cards[object_id] = card
             meter.advance()
