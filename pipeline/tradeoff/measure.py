@@ -28,7 +28,7 @@ from pipeline.store import digest
 from pipeline.store.record import processor
 from pipeline.tradeoff.sweep import file_name
 from pipeline.tradeoff.trades import FOLDER, MeasuredTrade, Point, files_of, kilobytes, read_trade, times_of
-from stages.registry import GRASP_STAGES, assignment, load_stage, load_trade, resolve
+from stages.registry import DATASET, GRASP_STAGES, TRADED, assignment, load_stage, load_trade, resolve
 
 TOUCH_ALONE = ("train-gcn.configuration=touch", "evaluate.configurations=[touch]")
 """The network whose trade is measured: it needs no images."""
@@ -166,6 +166,28 @@ def forecast(stage: str, setup: Setup, limit: float) -> tuple[float, list[str]]:
     if trade.reference is not None:
         total += setup.seconds(stage, setup.settings(stage, trade.reference))
     return total, skipped
+
+
+def foreseen(stages: Sequence[str], setup: Setup, limit: float) -> float:
+    """Predict the seconds of the candidates of all stages, as `forecast`, and of the stages before them once."""
+    before = {name for stage in stages for name in stages_before(stage, setup)}
+    return sum(map(setup.seconds, before)) + sum(forecast(stage, setup, limit)[0] for stage in stages)
+
+
+def current_trades(setup: Setup) -> list[MeasuredTrade]:
+    """Read the trades that were measured with these settings and this code; each stage that makes a dataset must have one."""
+    trades = []
+    for stage in TRADED:
+        trade = read_trade(setup.data, stage)
+        if trade is not None and trade.points and trade.key == stage_key(stage, setup):
+            trades.append(trade)
+        elif trade is not None or stage in DATASET:
+            how = "not measured yet" if trade is None else "measured with other settings or other code"
+            changed = "".join(f" --set {shlex.quote(line)}" for line in setup.assignments)
+            command = f"vt-pipeline tradeoff {stage} --data {shlex.quote(str(setup.data))} --preset {setup.preset}{changed}"
+            remedy = f"name the --data of `vt-pipeline tradeoff`, or run `{command}`, with your manifest and objects"
+            raise InvalidInput(f"{stage}: {how}; {remedy}")
+    return trades
 
 
 def measure_points(

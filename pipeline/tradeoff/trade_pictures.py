@@ -1,6 +1,6 @@
 """Draw and tabulate measured trades: error over cost."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from matplotlib.transforms import BboxBase
 
 from pipeline.console import Row, Table, pluralise
 from pipeline.drawing.plots import INK, themed_svg
-from pipeline.tradeoff.trades import MeasuredTrade, Point
+from pipeline.tradeoff.trades import Choice, MeasuredTrade, Point, Workload
 
 BLUE, RED = "#4477aa", "#cc3311"
 LABEL_OFFSETS = ((True, 3), (True, -9), (False, 3), (False, -9), (True, 10), (True, -17))
@@ -75,3 +75,14 @@ def trade_table(trade: MeasuredTrade) -> Table:
     count = pluralise(len(trade.objects)) + (f", {trade.trained} to learn from" if trade.trained else "")
     title = f"{trade.stage}: {trade.metric}{unit}; {count}, {trade.machine}"
     return Table(title, ["settings", trade.cost, "kB", "error", ""], rows, ["", ".3g", ".3g", ".3g", ""])
+
+
+def choice_table(choices: Sequence[Choice], workload: Workload) -> Table:
+    """Tabulate chosen settings with their times, sizes and errors for a workload."""
+    rows = []
+    for choice in choices:
+        point, trade = choice.point, choice.trade
+        megabytes = point.kilobytes * (1 if trade.trained else workload.objects) / 1e3
+        unit = f"{trade.unit} {trade.metric}".strip()
+        rows.append(Row([trade.stage, point.label, choice.seconds, megabytes, point.error, choice.bound, unit]))
+    return Table("", ["stage", "settings", "s", "MB", "error", "at most", ""], rows, ["", "", ".3g", ".3g", ".3g", ".3g", ""])
