@@ -134,10 +134,9 @@ def reconstruct(
     StageError, StoreError
         There is no such model, or it cannot be used.
     """
-    from pipeline.models.shipped_weights import models_location
     from pipeline.reconstruct import predict
 
-    folder = None if models is None else models_location(str(models))
+    folder = None if models is None else str(models)
     options = predict.PredictOptions(folder, configuration, training_seed, accelerator, seed, resolution)
     if not isinstance(observation, str | Path | RobotObservation):
         raise TypeError(f"observation is a RobotObservation or the path of an observation file; this is {type(observation).__name__}")

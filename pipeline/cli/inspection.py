@@ -49,11 +49,10 @@ def check(
     path, kind, drawing = described
     meshes = None if objects is None and units is None and up is None else MeshFiles(objects, units, up)
     if kind == "observation" and meshes is None:
-        from pipeline.models.shipped_weights import models_location
         from pipeline.reconstruct.observation_picture import draw_observation
         from pipeline.reconstruct.predict import PredictOptions
 
-        network = PredictOptions(None if models is None else models_location(models), configuration)
+        network = PredictOptions(models, configuration)
         lines = draw_observation(path, drawing, network.reader().target)
     elif models is not None or configuration is not None:
         option = f"--models {models}" if configuration is None else f"--configuration {configuration}"

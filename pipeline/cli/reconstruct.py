@@ -54,7 +54,6 @@ def predict(
 
     The grasps are those of a data directory, or what an observation file describes: it is checked as a whole before anything runs.
     """
-    from pipeline.models.shipped_weights import models_location
     from pipeline.reconstruct import predict as prediction
 
     source: prediction.Observed = observation
@@ -67,8 +66,7 @@ def predict(
     elif object_id is not None or grasps or view:
         option = "--object" if object_id is not None else "--grasp" if grasps else "--view"
         fail(f"{option} is of a data directory: name --data and --object, or omit it")
-    place = models_location(models) if models else None
-    options = prediction.PredictOptions(place, configuration, training_seed, seed=seed, resolution=resolution)
+    options = prediction.PredictOptions(models or None, configuration, training_seed, seed=seed, resolution=resolution)
     result = prediction.predict(out, source, options, surface)
     mesh = result.closed or result.reconstruction
     size = f"{len(mesh.vertices)} vertices, {len(mesh.faces)} faces, {result.given_places}"

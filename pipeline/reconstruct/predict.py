@@ -17,7 +17,7 @@ from pipeline.kernels.vision.view_transfer import foreground
 from pipeline.models.families import load_reconstructor, model_name, trained_folder, trained_models
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, close_reconstruction
-from pipeline.models.shipped_weights import DEFAULT, SHIPPED, shipped_models
+from pipeline.models.shipped_weights import DEFAULT, SHIPPED, models_location, shipped_models
 from pipeline.reconstruct.mesh_files import ClosedMesh, check_output, write_charts, write_closed
 from pipeline.reconstruct.network_error import error_note
 from pipeline.reconstruct.object_location import turn_to_z
@@ -39,7 +39,7 @@ RESOLUTIONS = 64, 400
 class PredictOptions:
     """Which network predicts, and how."""
 
-    models: Location | None = None  # folder of models; by default that of the data directory if it holds some, else the pretrained networks
+    models: Location | str | None = None  # folder of models, or `shipped`; by default the data directory's if it holds some, else `shipped`
     configuration: str | None = None  # the network; by default `occluded-touch`, of the pretrained ones that which accepts any inputs
     training_seed: int = 0  # of which training the network is
     accelerator: str = "auto"  # where networks run: "cpu", "cuda", or "auto"
@@ -55,7 +55,7 @@ class PredictOptions:
 
     def network(self, data: Location | None = None) -> tuple[Location, str]:
         """Choose the folder of models and the network, for objects of a data directory if one is named."""
-        models = self.models
+        models = models_location(self.models) if isinstance(self.models, str) else self.models
         if models is None and data is not None and (trained_models(data / "models", self.training_seed) or not trained_models(SHIPPED)):
             models = data / "models"
         if models is None and self.training_seed:
