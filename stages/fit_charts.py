@@ -11,13 +11,13 @@ from pydantic import field_validator
 from pipeline.config.settings import ObjectSettings, setting
 from pipeline.dataset.object_rows import ObjectRows, is_surface, touch_sensor
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Trade, Unit
-from pipeline.kernels.charts.touch_chart import SIDE, FitOptions, StopRule, chart_square
+from pipeline.kernels.charts.touch_chart import SIDE, FitOptions, chart_square
 from pipeline.kernels.touch.depth_maps import in_gel
 from pipeline.kernels.touch.sensor import check_pose, masked_points, sensor_to_world
 from pipeline.rng import torch_generator
 from pipeline.store.rows import Row
 from schemas.base import Artifact
-from schemas.charts import CHARTS
+from schemas.charts import CHARTS, StopRule
 from schemas.grasps import GRASPS
 from schemas.touch import TOUCH
 

@@ -28,7 +28,7 @@ from pipeline.kernels.touch.depth_maps import local_points
 from pipeline.kernels.vision.scene import Label
 from pipeline.models.reconstruction import close_reconstruction
 from pipeline.rng import numpy_rng
-from schemas.charts import STOP_RULES
+from schemas.charts import StopRule
 from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
 from stages.evaluate.measure import Case, MeasuredCase, Protocol, Reconstructor
@@ -198,10 +198,10 @@ class GraspProtocol(Protocol):
 def chart_residuals(
     residual: np.ndarray,  # (object, grasp, sensor) m
     iterations: np.ndarray,  # (object, grasp, sensor)
-    stop_rule: np.ndarray,  # (object, grasp, sensor) numbers of `STOP_RULES`
+    stop_rule: np.ndarray,  # (object, grasp, sensor) numbers of `StopRule`
 ) -> Arrays:  # the group `charts` of the schema `evaluation`
     """Summarise the residuals of touch charts by stop rule."""
-    masks_by_rule = {name: stop_rule == code for code, name in enumerate(STOP_RULES) if name != "no_touch" and (stop_rule == code).any()}
+    masks_by_rule = {rule.name: stop_rule == rule for rule in StopRule if rule != StopRule.no_touch and (stop_rule == rule).any()}
     masks_by_rule[TOTAL] = is_surface(stop_rule)
     masks = masks_by_rule.values()
     return {
