@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.config.manifest import Object
 from pipeline.config.settings import ObjectSettings, setting
-from pipeline.config.sources import identity, modelled
+from pipeline.config.sources import Object, identity, modelled
 from pipeline.console import abbreviate, pluralise
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.dataset.object_rows import paired_rows

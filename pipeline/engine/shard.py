@@ -7,8 +7,8 @@ from typing import Any, cast
 
 from rich.console import Console
 
-from pipeline.config.manifest import Object
 from pipeline.config.settings import ObjectSettings
+from pipeline.config.sources import Object
 from pipeline.console import Meter, abbreviate, pluralise
 from pipeline.engine import keys
 from pipeline.engine.executor import Work, check_assets

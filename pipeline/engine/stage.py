@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 import numpy as np
 from rich.console import Console
 
-from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
+from pipeline.config.sources import Object
 from pipeline.rng import numpy_rng
 from pipeline.store.record import Failure
 from pipeline.store.rows import Row

@@ -16,6 +16,7 @@ from pipeline.formats.mesh_parts import (
     MAX_INSTANCES,
     WHITE,
     build_part,
+    check_corners,
     check_count,
     cut_polygons,
     eight_bits,
@@ -252,8 +253,7 @@ def _polygons(surface: Element, stride: int) -> tuple[Integers, Integers]:
 
 
 def _rows(values: Array, rows: Integers) -> Array:
-    if rows.size and not (rows.min() >= 0 and rows.max() < len(values)):
-        raise InvalidInput(f"a corner names a row outside 0..{len(values) - 1} of a source; the file is damaged")
+    check_corners(rows, len(values))
     return values[rows]
 
 

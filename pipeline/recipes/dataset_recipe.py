@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.config.folder_sources import FolderSource, ShapeNet
-from pipeline.config.manifest import Manifest, Object, load_manifest
-from pipeline.config.sources import fingerprint
+from pipeline.config.manifest import Manifest, load_manifest
+from pipeline.config.sources import Object, fingerprint
 from pipeline.console import abbreviate, pluralise
 from pipeline.engine import keys
 from pipeline.engine.make import plans

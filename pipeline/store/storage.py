@@ -29,7 +29,7 @@ from zarr.storage import LocalStore, WrapperStore
 from zarr.storage import ObjectStore as ZarrObjectStore
 
 from pipeline.errors import InvalidInput, StoreError
-from pipeline.formats.file_content import MAX_POINTER, POINTER_REMEDY, expanded, is_pointer, regular_stat
+from pipeline.formats.file_content import POINTER_REMEDY, expanded, is_pointer, is_pointer_file, regular_stat
 
 PROTOCOLS = ("s3", "gs")
 """URL schemes of object storage with conditional puts: S3 and compatible servers, Google Cloud Storage."""
@@ -234,7 +234,8 @@ class _Files(WrapperStore[Store]):
         if self._folder:
             with suppress(FileNotFoundError, NotADirectoryError):
                 path = f"{self._folder}/{key}"
-                if regular_stat(path).st_size < MAX_POINTER and is_pointer(Path(path).read_bytes()):
+                regular_stat(path)
+                if is_pointer_file(path):
                     raise StoreError(f"{path} is {POINTER_REMEDY}")
         content = await self._store.get(key, prototype, byte_range)
         if content is None and not self.sparse and PurePosixPath(key).name not in ZARR_METADATA:

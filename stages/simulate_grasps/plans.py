@@ -9,12 +9,13 @@ import numpy as np
 from pipeline.kernels.arrays import Array, Indices
 from pipeline.kernels.geometry.transforms import compose, invert_pose
 from pipeline.kernels.hand.distance_field import finger_clearance, gaps, gel_contact, gel_probes, near_gaps
-from pipeline.kernels.hand.grasp import measure_contact
+from pipeline.kernels.hand.grasp import contact_from_depth
 from pipeline.kernels.hand.grasp_ik import GraspChoices, fingers_fit, grasp_ik
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.load_residual import NO_SUPPORT, Support, best_supporting_grasp
 from pipeline.kernels.hand.pinches import WIDTH_STEP, OpposedPostures, antipodal_points, central_weights
 from pipeline.kernels.hand.pregrasp import frame_along, tangent_palm_pose
+from pipeline.kernels.touch.ray_depth import ray_depth
 from stages.simulate_grasps.prepare import CLEARANCE, PreparedHand, PreparedObject
 from stages.simulate_grasps.stage import GraspSettings
 
@@ -143,7 +144,9 @@ class HoldPlanner(TouchPlanner):
         touching = np.zeros(poses.shape[:2], bool)
         for sensor in range(len(sensors)):
             for option in np.unique(options[:, sensor]):
-                contact = measure_contact(self.prepared_object.faces, poses[option, sensor], sensors[sensor])
+                pose = poses[option, sensor]
+                depth = ray_depth(self.prepared_object.faces, pose, sensors[sensor])
+                contact = contact_from_depth(depth, pose, sensors[sensor])
                 if contact is not None:
                     points[option, sensor], normals[option, sensor] = contact.point - self.centre, contact.normal
                     touching[option, sensor] = True

@@ -5,7 +5,7 @@ import stat
 
 import pytest
 
-from pipeline.config.manifest import Object
+from pipeline.config.sources import Object
 from pipeline.engine.make import make
 from pipeline.engine.worker_processes import WorkerProcesses
 from pipeline.errors import BugFound, InvalidInput

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.config.manifest import Object
 from pipeline.config.settings import ObjectSettings, setting
+from pipeline.config.sources import Object
 from pipeline.console import console_on
 from pipeline.engine.executor import Serial, Work
 from pipeline.engine.make import make, plans

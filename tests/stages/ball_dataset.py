@@ -12,8 +12,8 @@ import numpy as np
 import torch
 import trimesh
 
-from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
+from pipeline.config.sources import Object
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Unit
 from pipeline.formats.scene_file import load_scene

@@ -28,7 +28,7 @@ def forward_kinematics(
     frames = np.empty((*batch, len(hand.links), 4, 4))
     frames[..., 0, :, :] = hand_pose
     values = {link: joint_angles[..., entry] for entry, link in enumerate(hand.joint_links)}
-    values |= {joint.link: joint_angles[..., joint.entry] * joint.multiplier + joint.offset for joint in hand.followers}
+    values |= {follower.link: follower.of(joint_angles) for follower in hand.followers}
     for joint in hand.joints:  # parents first
         frame = compose(frames[..., joint.parent, :, :], joint.origin)
         if joint.child in values:

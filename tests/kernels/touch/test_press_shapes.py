@@ -109,7 +109,7 @@ EDGE_ON = box_faces(sheet(0.0, 0.1)), np.zeros((1, 3)), np.array([[1.0, 0, 0]])
         (lambda rng: press_relief(np.full((60, 80), np.nan), GELSIGHT, 1e-3), "NaN"),
         (lambda rng: random_press(GELSIGHT, rng, shapes=["bal"]), "'bal'"),
         (lambda rng: random_press(GELSIGHT, rng, PressRanges(size=(1e-6, 1e-6)), ["ball"]), "20 shapes"),
-        (lambda rng: random_patch(*EDGE_ON, GELSIGHT, rng, ranges=PressRanges(tilt=0.0)), "20 patches"),
+        (lambda rng: random_patch(*EDGE_ON, GELSIGHT, rng, ranges=PressRanges(tilt=0.0), scale=(0.1, 0.1)), "20 patches"),
     ],
 )
 def test_shapes_that_cannot_be_pressed_are_rejected(press, named, rng):
