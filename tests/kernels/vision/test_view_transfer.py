@@ -10,10 +10,10 @@ from pipeline.kernels.vision.view_transfer import (
     carried_camera,
     foreground,
     optical_centre,
-    seen_colors,
     split_projection,
     transfer_view,
 )
+from pipeline.reconstruct.mesh_files import seen_colors
 from tests.strategies import random_rotation
 
 TARGET = np.array([0.0, 0.0, 0.6])
