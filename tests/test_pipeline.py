@@ -18,9 +18,7 @@ import pytest
 import trimesh
 import yaml
 from PIL import Image
-from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.labelled import open_artifact
 from pipeline.dataset.object_rows import ObjectRows
@@ -29,6 +27,7 @@ from pipeline.errors import StoreError
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.depth_maps import local_points
 from stages.registry import GRASP_STAGES, load_stage
+from tests.command_line import vt
 from tools.overview_picture import draw_overview
 
 ROOT = Path(__file__).parents[1]
@@ -71,13 +70,6 @@ def run_of(stage: str, manifest: Path, data: Path, *more: str) -> list[str]:
     """Return the arguments that run a stage."""
     sets = [part for assignment in ASSIGNMENTS for part in ("--set", assignment)]
     return ["run", stage, "--manifest", str(manifest), "--data", str(data), *sets, *more]
-
-
-def vt(*arguments: str | Path) -> str:
-    """Run a command of `vt-pipeline` in this process, where torch is imported once, and return its output."""
-    result = CliRunner().invoke(app, [*map(str, arguments)])
-    assert result.exit_code == 0, result.output
-    return result.output
 
 
 def digests(data: Path) -> dict[str, str]:

@@ -7,13 +7,12 @@ import pytest
 import trimesh
 import yaml
 from PIL import Image
-from typer.testing import CliRunner
 
 from pipeline.checks import manifest_check
 from pipeline.checks.description_checks import check_file
 from pipeline.checks.manifest_check import MeshFiles
-from pipeline.cli import app
 from pipeline.errors import InvalidInput
+from tests.command_line import vt
 
 SODA = """mtllib soda.mtl
 usemtl m
@@ -93,12 +92,10 @@ def test_sizes_of_many_objects_are_summarised_and_only_faults_are_listed(tmp_pat
 
 
 def test_command_exits_with_1_if_an_object_cannot_be_used(tmp_path: Path, meshes: Path) -> None:
-    arguments = ["check", "directory", "--objects", str(meshes), "--units", "mm", "--picture", str(tmp_path / "a.png")]
-    assert CliRunner().invoke(app, arguments).exit_code == 1
+    arguments = ["check", "directory", "--objects", meshes, "--units", "mm", "--picture", tmp_path / "a.png"]
+    vt(*arguments, fails=True)
     (meshes / "broken.ply").unlink()
-    done = CliRunner().invoke(app, arguments)
-    assert done.exit_code == 0
-    assert "manifest directory, 2 objects, no faults" in done.output
+    assert "manifest directory, 2 objects, no faults" in vt(*arguments)
 
 
 def test_only_a_manifest_takes_a_folder_and_units(tmp_path: Path, meshes: Path) -> None:

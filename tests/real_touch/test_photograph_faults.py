@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
-from typer.testing import CliRunner
 
-from pipeline.cli.app import app
 from pipeline.contrib.calibration.ball_contact import Circle, ball_impression
 from pipeline.contrib.calibration.ball_photographs import read_photographs
 from pipeline.contrib.calibration.calibrate_sensor import uncalibrated_sensor
@@ -22,6 +20,7 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.real_touch import TouchReader
 from pipeline.reconstruct.observation_checks import check
+from tests.command_line import vt
 from tests.kernels.touch.test_photograph_alteration import SENSORS, grey, noisy, press
 from tests.reconstruct.robot import write_files, write_observation
 
@@ -147,14 +146,11 @@ def test_command_stops_before_it_reads_and_goes_on_if_told(tmp_path: Path) -> No
     files = {"untouched": noisy(BACKGROUND)[..., ::-1], "touch": press(NAME, at=(0.45, 0))[..., ::-1]}
     for name, image in files.items():
         Image.fromarray(np.ascontiguousarray(image)).save(tmp_path / f"{name}.png")
-    command = ["read-touch", str(tmp_path / "touch.png"), "--untouched", str(tmp_path / "untouched.png"), "--sensor", NAME]
-    stopped = CliRunner().invoke(app, command)
-    assert stopped.exit_code == 1
-    assert "colours exchanged (blue, green, red)" in " ".join(stopped.output.split())
-    assert "deepest" not in stopped.output
-    read = CliRunner().invoke(app, [*command, "--accept-photographs"])
-    assert read.exit_code == 0, read.output
-    assert "the rim is pressed" in " ".join(read.output.split())
+    command = ["read-touch", tmp_path / "touch.png", "--untouched", tmp_path / "untouched.png", "--sensor", NAME]
+    stopped = vt(*command, fails=True)
+    assert "colours exchanged (blue, green, red)" in stopped
+    assert "deepest" not in stopped
+    assert "the rim is pressed" in vt(*command, "--accept-photographs")
 
 
 def test_command_reads_the_others_of_a_folder_and_names_all_that_failed(tmp_path: Path) -> None:
@@ -164,10 +160,8 @@ def test_command_reads_the_others_of_a_folder_and_names_all_that_failed(tmp_path
         Image.fromarray(np.ascontiguousarray(image)).save(tmp_path / "photographs" / f"{name}.png")
     (tmp_path / "photographs" / "e.png").write_text("no image")
     Image.fromarray(noisy(BACKGROUND)).save(tmp_path / "untouched.png")
-    command = ["read-touch", str(tmp_path / "photographs"), "--untouched", str(tmp_path / "untouched.png"), "--sensor", NAME]
-    result = CliRunner().invoke(app, command)
-    said = " ".join(result.output.split())
-    assert result.exit_code == 1
+    command = ["read-touch", tmp_path / "photographs", "--untouched", tmp_path / "untouched.png", "--sensor", NAME]
+    said = vt(*command, fails=True)
     assert "b: deepest" in said
     failed = ["a: the photograph, .* colours", "c: it has 77 x 60 pixels", "d: .* mirrored", r"e: .*e\.png"]
     assert re.search(".*".join(["4 photographs failed:", *failed]), said)

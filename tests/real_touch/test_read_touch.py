@@ -15,9 +15,7 @@ import yaml
 import zarr
 from numpy.typing import NDArray
 from PIL import Image
-from typer.testing import CliRunner
 
-from pipeline.cli.app import app
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.formats.image_file import read_depth, read_image
@@ -30,6 +28,7 @@ from pipeline.models.shipped_weights import shipped_sensor_network
 from pipeline.models.touch_model import LocalTouchModel, save_touch_model
 from pipeline.real_touch import PNG_STEP, TouchReader, camera_frames, photographs_of, save_sensor_network, write_reading
 from pipeline.store.digest import of_json
+from tests.command_line import vt
 
 ROWS, COLS = 36, 48
 SENSOR = resample(load_sensor("gelsight"), ROWS, COLS).model_copy(update={"name": "my_gel"})
@@ -106,11 +105,10 @@ def test_normals_follow_the_surface_of_the_gel(reader: TouchReader) -> None:
 
 def test_command_reads_all_photographs_of_a_folder_but_the_untouched_one(folder: Path, tmp_path: Path) -> None:
     photographs = folder / "photographs"
-    options = ["--untouched", str(photographs / "untouched.png"), "--sensor", str(folder / "my_gel.yaml"), "--out", str(tmp_path / "out")]
-    result = CliRunner().invoke(app, ["read-touch", str(photographs), *options])
-    assert result.exit_code == 0, result.output
-    assert "2 photographs" in result.output
-    assert "read by " in result.output
+    options = ["--untouched", photographs / "untouched.png", "--sensor", folder / "my_gel.yaml", "--out", tmp_path / "out"]
+    printed = vt("read-touch", photographs, *options)
+    assert "2 photographs" in printed
+    assert "read by " in printed
     assert {file.name for file in (tmp_path / "out").glob("*-depth.png")} == {"a-depth.png", "b-depth.png"}
 
 
@@ -209,8 +207,6 @@ def test_options_that_exclude_each_other_are_errors(folder: Path, options: list[
     photographs = str(folder / "photographs")
     given = [photographs if option == "PHOTOGRAPHS" else option for option in options]
     before = sorted((folder / "photographs").iterdir())
-    command = ["read-touch", *given, "--untouched", f"{photographs}/untouched.png", "--sensor", str(folder / "my_gel.yaml")]
-    result = CliRunner().invoke(app, command)
-    assert result.exit_code == 1
-    assert words in " ".join(result.output.split())
+    command = ["read-touch", *given, "--untouched", f"{photographs}/untouched.png", "--sensor", folder / "my_gel.yaml"]
+    assert words in vt(*command, fails=True)
     assert sorted((folder / "photographs").iterdir()) == before

@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
-from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models.touch_model import save_touch_model
 from pipeline.reconstruct.demo import FRAMES, PIXELS
 from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS
+from tests.command_line import vt
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset as spheres
 
@@ -25,8 +24,7 @@ def test_demo_writes_a_closed_coloured_mesh_and_a_turntable(tmp_path, monkeypatc
     publish(tmp_path, "models/unet", unet, "train-unet")
     monkeypatch.setattr("pipeline.reconstruct.demo.shipped_models", lambda: tmp_path / "models")
     folder = tmp_path / "demo"
-    result = CliRunner().invoke(app, ["demo", str(folder)])
-    assert result.exit_code == 0, result.output
+    vt("demo", folder)
     mesh = trimesh.load(folder / "bottle-0001.glb", force="mesh")
     assert mesh.is_watertight
     colors = np.asarray(mesh.visual.vertex_colors)[:, :3]
@@ -41,6 +39,4 @@ def test_demo_writes_a_closed_coloured_mesh_and_a_turntable(tmp_path, monkeypatc
 
 def test_demo_refuses_a_folder_of_another_dataset(tmp_path):
     spheres.make_data(tmp_path / "data", 1, ("train",))
-    result = CliRunner().invoke(app, ["demo", str(tmp_path)])
-    assert result.exit_code != 0
-    assert "holds another dataset" in " ".join(result.output.split())
+    assert "holds another dataset" in vt("demo", tmp_path, fails=True)

@@ -6,9 +6,7 @@ import re
 
 import pytest
 from rich.console import Console
-from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
 from pipeline.errors import StoreError
@@ -17,6 +15,7 @@ from pipeline.reconstruct.network_error import error_note
 from pipeline.reconstruct.predict import PredictOptions
 from pipeline.store.directory import DataDirectory
 from stages.evaluate.stage import Evaluate, EvaluationSettings
+from tests.command_line import vt
 from tests.stages import ball_dataset as spheres
 
 SPLITS = ("train", "test", "test")
@@ -60,8 +59,7 @@ def test_predict_warns_of_a_network_worse_than_looking_up_a_training_object(data
     objects = spheres.objects(3, SPLITS)
     (plan,) = plans(Request(stage=Evaluate(), settings=settings, manifest="balls", objects=objects, preset="draft", seed=0, data=data))
     plan.make(Console(file=io.StringIO()))
-    command = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "b", "--configuration", "none"]
-    output = " ".join(CliRunner().invoke(app, command).output.split())
+    output = vt("predict", tmp_path / "ball.ply", "--data", data, "--object", "b", "--configuration", "none")
     warning = re.search(
         r"worse than looking up: none: (\S+) mm from .* 2 test objects .* typical training object in its place: (\S+) mm", output
     )

@@ -5,14 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.vision.camera import projection_matrix
 from pipeline.reconstruct.observation_checks import check
 from pipeline.reconstruct.observation_picture import draw_observation
 from pipeline.reconstruct.observation_placement import place_observation
+from tests.command_line import vt
 from tests.reconstruct.robot import target, write_files, write_observation
 
 CAMERA = projection_matrix(load_scene("supplement").camera).tolist()
@@ -44,8 +43,8 @@ def test_observation_is_checked_against_a_model_and_drawn_as_its_input(tmp_path:
     assert "with model occluded-touch:" in lines
     assert any("the views differ by 19.2°" in line for line in lines)
     assert any("give camera.hand_mask too" in line for line in lines)
-    result = CliRunner().invoke(app, ["check", "supplement", "--picture", str(tmp_path / "b.png"), "--models", "pretrained"])
-    assert "is a scene file; only an observation is checked against models" in " ".join(result.output.split())
+    printed = vt("check", "supplement", "--picture", tmp_path / "b.png", "--models", "pretrained", fails=True)
+    assert "is a scene file; only an observation is checked against models" in printed
 
 
 def test_masks_that_are_inverted_or_hide_the_object_are_named(tmp_path: Path) -> None:

@@ -9,10 +9,8 @@ import torch
 import trimesh
 import yaml
 from PIL import Image
-from typer.testing import CliRunner
 
 from benchmarks.robot_grasp import BASE, write_grasp
-from pipeline.cli import app
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS
@@ -149,19 +147,16 @@ def test_joined_surface_is_closed(data, tmp_path):
 
 def test_slow_prediction_prints_its_steps(data, tmp_path, monkeypatch):
     monkeypatch.setattr("pipeline.console.SECONDS_PER_LINE", -1.0)
-    command = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "a", "--configuration", "none"]
-    assert "predict: 1 of 3 steps" in CliRunner().invoke(app, command).output
+    assert "predict: 1 of 3 steps" in vt("predict", tmp_path / "ball.ply", "--data", data, "--object", "a", "--configuration", "none")
 
 
 def test_command_reports_the_inputs_of_the_closed_mesh(data, tmp_path):
-    command = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "a", "--resolution", "64"]
-    guessed = CliRunner().invoke(app, [*command, "--configuration", "none", "--surface", "closed"])
-    assert "no touch, so that no place of it is certain; no colour" in " ".join(guessed.output.split())
+    command = ["predict", tmp_path / "ball.ply", "--data", data, "--object", "a", "--resolution", 64, "--surface", "closed"]
+    assert "no touch, so that no place of it is certain; no colour" in vt(*command, "--configuration", "none")
     mesh = trimesh.load(tmp_path / "ball.ply", process=False)
     assert (np.asarray(mesh.visual.vertex_colors) == VISION_COLORS[0]).all()
     assert mesh.volume == pytest.approx(4 / 3 * np.pi * (0.1 * np.sqrt(3)) ** 3, rel=0.1)  # the sphere around the ball's box
-    touched = CliRunner().invoke(app, [*command, "--configuration", "touch", "--surface", "closed"])
-    assert f"faces, {FELT} touches; no colour" in " ".join(touched.output.split())
+    assert f"faces, {FELT} touches; no colour" in vt(*command, "--configuration", "touch")
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".glb"])

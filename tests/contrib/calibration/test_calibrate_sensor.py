@@ -5,9 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.contrib.calibration.ball_contact import Circle, ball_impression
 from pipeline.contrib.calibration.ball_photographs import read_photographs
 from pipeline.contrib.calibration.calibrate_sensor import check_name
@@ -16,6 +14,7 @@ from pipeline.formats.sensor_file import load_sensor, sensor_files
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import background, tactile_image, untouched_image
 from pipeline.real_touch import TouchReader
+from tests.command_line import vt
 
 BALL = 0.002
 TRUE = load_sensor("gelsight").model_copy(update={"rows": 160, "cols": 213, "noise": 1.0, "membrane": 0.0009, "gel": None})
@@ -66,16 +65,15 @@ def test_a_known_model_is_recovered(folder: Path, tmp_path: Path) -> None:
     for name in ("mine.yaml", "mine-calibration.png", "mine-untouched.png"):
         (tmp_path / name).symlink_to(tmp_path / "thesis.txt")
     size = ["--ball-radius", "2", "--mm-per-pixel", str(1e3 * TRUE.pitch[1]), "--untouched", str(untouched)]
-    result = CliRunner().invoke(app, ["calibrate-sensor", str(folder), str(out), *size, "--shadows", "3"])
+    printed = vt("calibrate-sensor", folder, out, *size, "--shadows", 3)
     (folder / "circles.csv").unlink()
-    assert result.exit_code == 0, result.output
-    assert "not used: nothing.png: nothing touches" in " ".join(result.output.split())
+    assert "not used: nothing.png: nothing touches" in printed
     assert out.with_name("mine-calibration.png").stat().st_size > 10_000
     assert (tmp_path / "thesis.txt").read_text() == "mine"  # links were replaced
     mine = load_sensor(out)
     assert [path.name for path in sensor_files([str(out)])] == ["mine.yaml", "mine-untouched.png"]
     assert (background(mine, mine.calibrated) == untouched_image(TRUE)).all()
-    assert "missing: no contact in the upper left, " in " ".join(result.output.split())
+    assert "missing: no contact in the upper left, " in printed
     assert mine.calibrated.within is not None
     assert -0.0095 < mine.calibrated.within[0] < mine.calibrated.within[2] < 0.0095
     assert 0.0003 < mine.calibrated.deepest < 0.004
@@ -150,9 +148,7 @@ def test_contact_outside_its_photograph_is_unusable(folder: Path) -> None:
 def test_lengths_in_another_unit_give_a_clear_error(folder: Path, tmp_path: Path, changed: dict[str, str], message: str) -> None:
     stated = {"--ball-radius": "2", "--mm-per-pixel": "0.03", "--untouched": str(folder.parent / "untouched.png")} | changed
     options = [text for pair in stated.items() for text in pair]
-    result = CliRunner().invoke(app, ["calibrate-sensor", str(folder), str(tmp_path / "mine.yaml"), *options])
-    assert result.exit_code == 1
-    assert message in " ".join(result.output.split())
+    assert message in vt("calibrate-sensor", folder, tmp_path / "mine.yaml", *options, fails=True)
 
 
 @pytest.mark.slow
@@ -160,9 +156,8 @@ def test_train_gives_a_network_that_reads_the_photographs(folder: Path, tmp_path
     """The network finds the contact and its depth in the photographs."""
     out, untouched = tmp_path / "mine.yaml", folder.parent / "untouched.png"
     size = ["--ball-radius", "2", "--mm-per-pixel", str(1e3 * TRUE.pitch[1]), "--untouched", str(untouched)]
-    result = CliRunner().invoke(app, ["calibrate-sensor", str(folder), str(out), *size, "--position-degree", "2", "--train"])
-    assert result.exit_code == 0, result.output
-    assert "mine-touch: `vt-pipeline read-touch PHOTOGRAPHS" in " ".join(result.output.split())
+    printed = vt("calibrate-sensor", folder, out, *size, "--position-degree", 2, "--train")
+    assert "mine-touch: `vt-pipeline read-touch PHOTOGRAPHS" in printed
     photographs, image, _ = read_photographs(folder, untouched)
     reader = TouchReader(out, image)
     for contact_photograph in photographs[:3]:

@@ -11,13 +11,12 @@ from typing import Any
 import pytest
 import trimesh
 import yaml
-from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.contrib.report.provenance import commands, records, settings_tables
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import ShardRecord
 from stages.registry import resolve
+from tests.command_line import vt
 from tests.stages import ball_dataset
 
 
@@ -63,7 +62,7 @@ def test_commands_run_in_a_shell_reproduce_the_dataset(tmp_path, monkeypatch):
     Path("my manifest.yaml").write_text(yaml.safe_dump(described))
     arguments = ["run", "sample-surfaces", "--manifest", "my manifest.yaml", "--objects", folder.name, "--units", "mm", "--up", "y"]
     arguments += ["--data", "my data", "--seed", "7", "--shards", "2", "--set", "points=100", "--executor", "serial"]
-    assert CliRunner().invoke(app, arguments).exit_code == 0
+    vt(*arguments)
     directory = DataDirectory("my data")
     (line,) = commands(directory, records(directory))
     (record,) = directory.shard_records()
@@ -72,4 +71,4 @@ def test_commands_run_in_a_shell_reproduce_the_dataset(tmp_path, monkeypatch):
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     subprocess.run(["sh", "-c", line], check=True, env={**os.environ, "PATH": path}, stdout=subprocess.DEVNULL)
     assert json.loads(record.read_text())["rows"][0]["digest"] == json.loads(before)["rows"][0]["digest"]
-    assert CliRunner().invoke(app, arguments).output.count("up to date") == 2
+    assert vt(*arguments).count("up to date") == 2

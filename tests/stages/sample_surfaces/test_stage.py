@@ -6,9 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.errors import InvalidInput
 from pipeline.store.directory import Collection, DataDirectory
 from schemas.surfaces import SURFACES
@@ -98,7 +96,7 @@ def test_each_bad_mesh_is_recorded_with_a_reason(mixed):
     assert failures.keys() == REASONS.keys()
     for name, part in REASONS.items():
         assert part in failures[name]
-    report = json.loads(CliRunner().invoke(app, ["status", str(mixed[0]), "--json"]).output)["surfaces"]
+    report = json.loads(vt("status", mixed[0], "--json"))["surfaces"]
     assert report["objects"] == 16
     assert report["failures"].keys() == REASONS.keys()
 
@@ -128,14 +126,14 @@ def test_good_meshes_are_unaffected_by_bad_ones(mixed, tmp_path):
 @pytest.mark.slow
 def test_million_faces_need_a_higher_limit(tmp_path):
     write(tmp_path / "objects" / "million.obj", *grid(1_000_000))
-    folders = ["--objects", str(tmp_path / "objects"), "--data", str(tmp_path / "data")]
+    folders = ["--objects", tmp_path / "objects", "--data", tmp_path / "data"]
     arguments = ["run", "sample-surfaces", "--manifest", "directory", *folders]
-    assert CliRunner().invoke(app, arguments).exit_code == 0
+    vt(*arguments)
     found = DataDirectory(tmp_path / "data").collection(SURFACES)
     failure = found.failure("million")
     assert failure is not None
     assert "exceed max_faces = 500000" in failure.reason
-    assert CliRunner().invoke(app, [*arguments, "--set", "max_faces=2000000"]).exit_code == 0
+    vt(*arguments, "--set", "max_faces=2000000")
     assert DataDirectory(tmp_path / "data").collection(SURFACES).failure("million") is None
 
 
