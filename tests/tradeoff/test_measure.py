@@ -1,6 +1,5 @@
 """Trades measured for real on a few toy objects, and samples that represent all objects within a time limit."""
 
-import io
 import time
 from collections import Counter
 from dataclasses import replace
@@ -8,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from pipeline.config.manifest import load_manifest
 from pipeline.config.sources import Object
@@ -185,11 +183,8 @@ def test_coarser_sensor_keeps_its_photograph(tmp_path: Path) -> None:
     fine = load_sensor("gelsight", shape=(30, 40))
     calibrated = fine.calibrated
     assert calibrated is not None
-    with io.BytesIO() as file:
-        Image.fromarray(untouched_image(fine)).save(file, "PNG")
-        seen = fine.model_copy(
-            update={"photograph": file.getvalue(), "calibrated": calibrated.model_copy(update={"background": "elsewhere.png"})}
-        )
+    optics = calibrated.model_copy(update={"background": "elsewhere.png"})
+    seen = fine.model_copy(update={"photograph": untouched_image(fine).tobytes(), "calibrated": optics})
     coarse = load_sensor(coarse_sensor(seen, 0.5, tmp_path))
     assert (coarse.shape, coarse.name) == ((15, 20), "gelsight_coarse")
     assert np.abs(untouched_image(coarse).astype(int) - untouched_image(load_sensor("gelsight", shape=(15, 20)))).max() <= 3
