@@ -8,9 +8,10 @@ import numpy as np
 
 from pipeline.kernels.arrays import Array, Indices
 from pipeline.kernels.geometry.transforms import compose, invert_pose
-from pipeline.kernels.hand.distance_field import finger_clearance, gaps, gel_contact, gel_probes, near_gaps
+from pipeline.kernels.hand.distance_field import finger_clearance, gel_contact, gel_probes, near_gaps
 from pipeline.kernels.hand.grasp import measure_contact
 from pipeline.kernels.hand.grasp_ik import GraspChoices, fingers_fit, grasp_ik
+from pipeline.kernels.hand.grid_loops import gaps
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.load_residual import NO_SUPPORT, Support, best_supporting_grasp
 from pipeline.kernels.hand.pinches import WIDTH_STEP, OpposedPostures, antipodal_points, central_weights
