@@ -1,4 +1,4 @@
-"""Compiled loops over an object's distance grid: look-ups, and the clearance of postures.
+"""Compiled loops over an object's distance grid: look-ups, and the clearance of postures, only as exactly as it matters.
 
 All arithmetic on distances is float32, in a fixed order. The loops share a file: numba's cache notices changes of that file only.
 """
@@ -7,8 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.kernels.arrays import Array, Array32, Indices
+from pipeline.kernels.arrays import Array, Array32, Indices, Mask
 from pipeline.kernels.compiled import compiled
+
+MILLIMETRE = np.float32(1e-3)
+LACK_WEIGHT = np.float32(2)  # value that a posture loses per millimetre of missing clearance
+FLOOR_SLACK = np.float32(1e-6)  # m below the least gap with which a posture could win, where measuring stops: above rounding
 
 
 class Grid(NamedTuple):
@@ -79,3 +83,45 @@ def _gap(grid: Grid, frames: Array, spheres: Spheres, floor: np.float32) -> np.f
 def gaps(grid: Grid, frames: Array, spheres: Spheres, floor: np.float32) -> Array32:
     """Compute the least gaps (N,) of spheres on frames (N, L, 4, 4); for one below `floor`, any value below `floor`."""
     return np.array([_gap(grid, frames[n], spheres, floor) for n in range(len(frames))], np.float32)
+
+
+@compiled
+def measure_best(
+    grid: Grid,
+    frames: Array,  # (N, L, 4, 4)
+    spheres: Spheres,  # of one finger
+    contact: Array32,  # (N,) values of the postures if nothing is in their way; -inf for unavailable ones
+    order: Indices,  # (G, 1 + M) postures of each group: a likely best one, then all by falling `contact`
+    best: int,  # postures of greatest value that are requested of each group
+    clear: int,  # clear postures that are requested of each group: the first in that order
+    clearance: np.float32,  # m; a posture's value falls by what it lacks
+) -> tuple[Array32, Mask]:  # (N,), (N,)
+    """Measure the clearance of postures where it can decide which have most value, and which are clear.
+
+    Values are exact for the best of each group, smaller or -inf for the others; what is not measured does not count as clear.
+    """
+    value, is_clear = np.full(len(frames), np.float32(-np.inf)), np.zeros(len(frames), np.bool_)
+    top = np.empty(best + 1, np.float32)  # the best values so far, falling; the last is spare
+    for group in order:
+        top[:] = -np.inf
+        if not best:
+            top[0] = np.inf
+        clear_count = 0
+        for n in group:
+            threshold = top[max(best - 1, 0)]
+            if contact[n] < threshold and clear_count >= clear:
+                break  # no later posture can be among the best
+            if contact[n] == -np.inf or value[n] > -np.inf:
+                continue
+            spare = max(contact[n] - threshold, np.float32(0)) / LACK_WEIGHT * MILLIMETRE
+            gap = _gap(grid, frames[n], spheres, clearance - spare - FLOOR_SLACK)
+            value[n] = contact[n] - LACK_WEIGHT * (max(clearance - gap, np.float32(0)) / MILLIMETRE)
+            is_clear[n] = gap >= clearance
+            clear_count += int(gap >= clearance)
+            rank = best
+            while rank > 0 and top[rank - 1] < value[n]:
+                top[rank] = top[rank - 1]
+                rank -= 1
+            if best:
+                top[rank] = value[n]
+    return value, is_clear
