@@ -104,10 +104,7 @@ def test_up_to_date_run_imports_neither_executor_nor_torch(tmp_path):
         (["advise", "--within", "1h", "--data", "~/a b"], f"run `vt-pipeline tradeoff sample-surfaces --data '{Path.home()}/a b' --preset"),
         (["check", "gelsight", "--configuration", "nonsense"], "nonsense"),
         (["check", "gelsight", "--configuration", "implicit-any"], "only an observation is checked against models"),
-        (
-            ["sweep", "train-gcn", "--grid", "epochs=1", "--grid", "epochs=2"],
-            "--grid epochs=2: name each setting once",
-        ),
+        (["sweep", "train-gcn", "--grid", "epochs=1", "--grid", "epochs=2"], "--grid epochs=2: name each setting once"),
         (["sweep", "train-gcn", "--grid", "gcn_features=16,32,16", "--dry-run"], "16 is named twice; name each value once"),
         (["sweep", "train-gcn", "--grid", "train-gcn.epochs=1,2"], "and without its stage: SETTING=VALUE,VALUE"),
         (["status", "pyproject.toml"], "pyproject.toml is not a data directory; make one with `vt-pipeline run`, or name another"),
@@ -320,10 +317,7 @@ def test_version_equals_the_package_version() -> None:
         ("run sample-surfaces --manifest no-such --object duc", []),
         ("run sample-surfaces --manifest fo", ["four-classes"]),
         ("run sample-surfaces --set simulate-", ["simulate-grasps.", "simulate-touch.", "simulate-presses."]),
-        (
-            "run sample-surfaces --set sample-s",
-            [f"sample-surfaces.{name}=" for name in SurfaceSettings.model_fields],
-        ),
+        ("run sample-surfaces --set sample-s", [f"sample-surfaces.{name}=" for name in SurfaceSettings.model_fields]),
         ("run sample-surfaces --set simulate-grasps.attem", ["simulate-grasps.attempts=50"]),
         ("run sample-surfaces --set simulate-grasps.sensor", [f"simulate-grasps.sensor={name}" for name in shipped_files("sensor")]),
         ("run sample-surfaces --set simulate-touch.tracer", ["simulate-touch.tracer=ray", "simulate-touch.tracer=sphere"]),

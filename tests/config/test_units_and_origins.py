@@ -63,10 +63,7 @@ def test_file_with_a_unit_among_files_without_is_warned_of(folder: Path, tmp_pat
     trimesh.Trimesh(CORNERS / 100, FACES, process=False).export(folder / "mug.glb")
     mixed = "warning: sizes are mixed: 1 object (mug) not scaled, because files or manifest state a unit; write a manifest with a folder"
     look = ["check", "directory", "--picture", str(tmp_path / "a.png")]
-    for command in (
-        look,
-        ["run", "sample-surfaces", "--manifest", "directory", "--data", str(tmp_path / "d"), "--dry-run"],
-    ):
+    for command in (look, ["run", "sample-surfaces", "--manifest", "directory", "--data", str(tmp_path / "d"), "--dry-run"]):
         _, output = invoke(*command, "--objects", str(folder))
         assert mixed in output
     _, output = invoke(*look, "--objects", str(folder), "--units", "cm")

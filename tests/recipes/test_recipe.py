@@ -38,12 +38,7 @@ TEXTS = [
 """Files among them that the recipe holds as text."""
 FILES = ["gels/untouched.png", "robot/meshes/material_0.png", "robot/meshes/palm.obj"]
 """Files of which it holds the SHA-256."""
-QUICK = (
-    "sample-surfaces.points=300",
-    "simulate-grasps.attempts=3",
-    "simulate-grasps.grasps=2",
-    "simulate-grasps.ik_samples=64",
-)
+QUICK = ("sample-surfaces.points=300", "simulate-grasps.attempts=3", "simulate-grasps.grasps=2", "simulate-grasps.ik_samples=64")
 ASSETS = Path(pipeline.__file__).parent / "assets"
 STAGES = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
 

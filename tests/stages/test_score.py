@@ -37,7 +37,7 @@ CASES = [(1, first) for first in range(5)] + [(2, first) for first in range(5)]
 def data(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("balls")
     spheres.make_data(folder, 6, SPLITS)
-    spheres.make_implicit_model(folder, NETWORK, touch_reach=0.05)
+    spheres.make_implicit_model(folder, NETWORK, touch_reach=0.05, spacing=0.05)
     spheres.run_stage(folder, "evaluate", OBJECTS, "points=500", "grasps=[1,2]", f"configurations=[{NETWORK}]", "tau=2e-4", seed=3)
     return folder
 

@@ -41,7 +41,7 @@ def data(tmp_path_factory) -> Path:
     torch.set_num_threads(1)
     folder = tmp_path_factory.mktemp("balls")
     spheres.make_data(folder, 4, SPLITS)
-    spheres.make_implicit_model(folder, DEFAULT)
+    spheres.make_implicit_model(folder, DEFAULT, spacing=0.05)
     networks = f"configurations=[{DEFAULT}-touch,{DEFAULT}-unoccluded]"
     spheres.run_stage(folder, "evaluate", OBJECTS, "points=300", "grasps=[1]", networks, seed=3)
     with pytest.MonkeyPatch.context() as patch:
