@@ -183,7 +183,7 @@ def test_settings_give_the_fit_options_of_the_kernel() -> None:
     assert tight.halt == 2.3e-4
     np.testing.assert_allclose((tight.residual_limit or 0) * SENSOR.width, 1e-4)
     assert ChartSettings.model_validate({"cloud": True}).cloud == "true"  # how YAML reads `true`
-    with pytest.raises(ValidationError, match="side 8"):
+    with pytest.raises(ValidationError, match="it is 8"):
         ChartSettings(side=8)
 
 
