@@ -14,14 +14,14 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from benchmarks.end_to_end import END_TO_END, measure_end_to_end
 from benchmarks.provenance import provenance
 from pipeline.config.manifest import load_manifest
 from pipeline.console import console
 from pipeline.store.atomic import write_atomically
+from pipeline.tradeoff.end_to_end import measure_end_to_end
 from pipeline.tradeoff.measure import Setup, measure_trade, stratified
 from pipeline.tradeoff.trade_pictures import draw_trade
-from pipeline.tradeoff.trades import MeasuredTrade, Workload, read_trade, within_time
+from pipeline.tradeoff.trades import END_TO_END, MeasuredTrade, Workload, read_trade, within_time
 from stages.registry import DATASET, TRADED
 
 MANIFEST = Path(__file__).with_suffix(".yaml")
@@ -75,7 +75,7 @@ def main(
     end_objects = stratified(objects, END_OBJECTS, manifest.seed)
     end_setup = Setup(data / "end", manifest.name, end_objects, manifest.seed, "draft", (f"train-gcn.epochs={END_EPOCHS}",))
     if only == "end":
-        measure_end_to_end(end_setup, console)
+        measure_end_to_end(end_setup, np.inf, console)
         return
     end_process = None if only else subprocess.Popen([sys.executable, "-m", "benchmarks.tradeoff", "--data", str(data), "--only", "end"])
     for stage in TRADED:

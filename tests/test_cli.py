@@ -106,6 +106,7 @@ def test_up_to_date_run_imports_neither_executor_nor_torch(tmp_path):
         (["sweep", "train-gcn", "--grid", "epochs=1", "--grid", "epochs=2"], "--grid epochs=2: name each setting once"),
         (["sweep", "train-gcn", "--grid", "gcn_features=16,32,16", "--dry-run"], "16 is named twice; name each value once"),
         (["sweep", "train-gcn", "--grid", "train-gcn.epochs=1,2"], "and without its stage: SETTING=VALUE,VALUE"),
+        (["tradeoff", "train-unet", "--until", "evaluate"], "--until evaluate measures whole pipelines; leave train-unet out"),
         (["status", "pyproject.toml"], "pyproject.toml is not a data directory; make one with `vt-pipeline run`, or name another"),
         (["summary", "pyproject.toml"], "pyproject.toml is a file, or below one; give a data directory"),
         (["predict", "a.ply", "--grasp", "3"], "--grasp is of a data directory: name --data and --object"),

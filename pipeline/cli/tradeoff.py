@@ -42,16 +42,24 @@ def tradeoff(
     up: options.UpOption = None,
     assignments: options.SetOption = None,
     minutes: Annotated[float, typer.Option(min=0.1, help="Time to take; more minutes, more objects.", rich_help_panel=RUN)] = 10,
+    until: Annotated[
+        str | None, typer.Option(help="evaluate: vary what a dataset is made of, and measure reconstructions.", rich_help_panel=RUN)
+    ] = None,
 ) -> None:
     """Measure on a sample of the objects how settings trade speed for accuracy.
 
     `vt-pipeline advise` chooses by these figures. What is measured under the same code and settings is not measured again.
     """
+    from pipeline.tradeoff.end_to_end import measure_end_to_end
     from pipeline.tradeoff.measure import LONGEST, Setup, forecast, measure_trade, stages_before
 
     stage_names = tuple(stages or DATASET)
     if strange := [name for name in stage_names if name not in TRADED]:
         fail(unknown_name("stage", strange[0], TRADED))
+    if until not in (None, "evaluate"):
+        fail(f"--until {until}: only evaluate ends a pipeline")
+    if until and stages:
+        fail(f"--until {until} measures whole pipelines; leave {' '.join(stages)} out")
     request = make_request(stage_names[0], manifest, preset, data=data, objects=objects, assignments=assignments or (), units=units, up=up)
     if not isinstance(request.data, Path):
         fail(f"--data {request.data}: times in object storage say little; measure into a folder on this machine")
@@ -66,16 +74,20 @@ def tradeoff(
         inputs = sum(map(setup.seconds, before))
         return inputs + sum(forecast(stage, setup, LONGEST * seconds)[0] for stage in stage_names)
 
-    setup = setup.affordable(seconds, foreseen)
-    about = f"about {max(foreseen(setup) / 60, 0.1):.1f} min on {pluralise(len(setup.objects))}"
-    print_lines(f"{', '.join(stage_names)}: {about}, less what is measured already")
-    for stage in stage_names:
-        if skipped := forecast(stage, setup, LONGEST * seconds)[1]:
-            print_lines(f"{stage}: skipped, longer than a quarter of the time even on few objects: {'; '.join(skipped)}")
     trades = []
-    for name in stage_names:
-        trades.append(measure_trade(name, setup, limit=LONGEST * seconds, deadline=started + seconds, console=console))
-        _show(trades[-1], request.data)
+    if until:
+        trades.append(measure_end_to_end(setup, seconds, console))
+        _show(trades[0], request.data)
+    else:
+        setup = setup.affordable(seconds, foreseen)
+        about = f"about {max(foreseen(setup) / 60, 0.1):.1f} min on {pluralise(len(setup.objects))}"
+        print_lines(f"{', '.join(stage_names)}: {about}, less what is measured already")
+        for stage in stage_names:
+            if skipped := forecast(stage, setup, LONGEST * seconds)[1]:
+                print_lines(f"{stage}: skipped, longer than a quarter of the time even on few objects: {'; '.join(skipped)}")
+        for name in stage_names:
+            trades.append(measure_trade(name, setup, limit=LONGEST * seconds, deadline=started + seconds, console=console))
+            _show(trades[-1], request.data)
     if unfinished := [trade.stage for trade in trades if len(trade.points) < trade.total]:
         print_warning("time is up:", f"{', '.join(unfinished)}: the same command measures the rest")
 
@@ -136,13 +148,13 @@ def advise(
 
 def _current(setup: Setup) -> list[MeasuredTrade]:
     """Read the trades that were measured with these settings and this code; fail if one that makes a dataset is missing."""
-    from pipeline.tradeoff.measure import trade_key
+    from pipeline.tradeoff.measure import stage_key
     from pipeline.tradeoff.trades import read_trade
 
     trades = []
     for stage in TRADED:
         trade = read_trade(setup.data, stage)
-        if trade is not None and trade.points and trade.key == trade_key(stage, setup):
+        if trade is not None and trade.points and trade.key == stage_key(stage, setup):
             trades.append(trade)
         elif trade is not None or stage in DATASET:
             how = "not measured yet" if trade is None else "measured with other settings or other code"

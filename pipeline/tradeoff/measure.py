@@ -109,18 +109,26 @@ def stages_before(stage: str, setup: Setup) -> list[str]:
     return [name for name in makers.values() if name in needed]
 
 
-def trade_key(stage: str, setup: Setup) -> str:
-    """Hash what the figures of a stage depend on, apart from machine and sample: code, settings and the content of description files."""
+def trade_key(stages: Sequence[str], setup: Setup, *further: str) -> str:
+    """Hash what the figures of stages, in the order of the pipeline, depend on, apart from the machine and the sample.
+
+    That is code, settings and the content of description files.
+    """
     attributes: dict[str, Any] = {}
     parts: dict[str, Any] = {}
-    for name in (*stages_before(stage, setup), stage):
+    for name in stages:
         loaded: Any = load_stage(name)
         settings = setup.settings(name)
         if loaded.per_object:
             settings = loaded.resolve_settings(settings, attributes)
             attributes[loaded.output.name] = {**loaded.attributes(settings), "settings": settings.results()}
         parts[name] = [keys.code_hash(loaded), settings.results(), keys.assets_digest(loaded.assets(settings))]
-    return digest.of_json([parts, setup.seed])
+    return digest.of_json([parts, setup.seed, *further])
+
+
+def stage_key(stage: str, setup: Setup) -> str:
+    """Hash what the trade of a stage depends on, as `trade_key`."""
+    return trade_key([*stages_before(stage, setup), stage], setup)
 
 
 def _declared(stage: str) -> Trade:
@@ -260,7 +268,7 @@ def measure_trade(
         return point.model_copy(update={"times": times, "kilobytes": size, "errors": errors}), shown
 
     facts = {"metric": trade.metric, "unit": trade.unit, "trained": trained}
-    return measure_points(setup, stage, trade_key(stage, setup), list(listed), measure, deadline, **facts)
+    return measure_points(setup, stage, stage_key(stage, setup), list(listed), measure, deadline, **facts)
 
 
 def linked_copy(inputs: Path, outputs: Sequence[str], data: Path) -> Path:

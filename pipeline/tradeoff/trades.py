@@ -29,6 +29,8 @@ FOLDER = "tradeoff"
 """Folder of the measurements, below a data directory."""
 CONFIDENCE = 0.998
 """Confidence of Student's t for a bound: 19 of 20 other samples keep it even with skewed errors, such as lognormal ones of σ = 0.8."""
+END_TO_END = "reconstruction"
+"""The name, in place of a stage's, under which the trade of whole datasets is kept."""
 
 
 NUMBER = r"([0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?|\.[0-9]+)"
@@ -89,7 +91,7 @@ class MeasuredTrade(Entries):
     metric: str
     unit: str  # of the errors
     cost: str = "seconds per object, one core"  # what the times measure
-    key: str  # hash of what the figures depend on beside sample and machine (`measure.trade_key`)
+    key: str  # hash of what the figures depend on beside sample and machine (`measure.stage_key`)
     preset: str  # with `assignments`: the user's settings, which points change
     assignments: tuple[str, ...]
     objects: tuple[str, ...]  # ids of the sample

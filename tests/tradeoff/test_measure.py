@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmarks.end_to_end import NETWORK, coarse_sensor
 from pipeline.config.manifest import load_manifest
 from pipeline.config.sources import Object
 from pipeline.console import console
@@ -20,7 +19,8 @@ from pipeline.formats.description_file import description_path
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.store.directory import DataDirectory
-from pipeline.tradeoff.measure import FEWEST, MOST, Setup, candidates, forecast, measure_trade, stages_before, stratified, trade_key
+from pipeline.tradeoff.end_to_end import NETWORK, coarse_sensor
+from pipeline.tradeoff.measure import FEWEST, MOST, Setup, candidates, forecast, measure_trade, stage_key, stages_before, stratified
 from pipeline.tradeoff.trades import FOLDER, MeasuredTrade, read_trade, trade_path
 from schemas.surfaces import SURFACES
 from stages.registry import TRADED, load_trade
@@ -97,14 +97,14 @@ def test_interrupted_and_resumed_measurement_gives_the_same_errors(measured_data
 
 def test_other_settings_are_measured_again(measured_data: Path) -> None:
     own = setup(measured_data)
-    assert trade_key(STAGE, own) == trade_key(STAGE, replace(own, objects=()))
+    assert stage_key(STAGE, own) == stage_key(STAGE, replace(own, objects=()))
     for other in (
         setup(measured_data, assignments=(FAST, "sample-surfaces.diagonal=0.3")),
         setup(measured_data, assignments=("directions=64",)),
     ):
-        assert trade_key(STAGE, other) != trade_key(STAGE, own)
+        assert stage_key(STAGE, other) != stage_key(STAGE, own)
     hands = [
-        trade_key("render-vision", setup(measured_data, assignments=(f"simulate-grasps.hand={hand}",)))
+        stage_key("render-vision", setup(measured_data, assignments=(f"simulate-grasps.hand={hand}",)))
         for hand in ("allegro_right", "allegro_left")
     ]
     assert hands[0] != hands[1]
@@ -114,10 +114,10 @@ def test_key_changes_with_the_content_of_the_sensor_file(tmp_path: Path) -> None
     described = description_path("sensor", "gel_16mm").read_text()
     (file := tmp_path / "gel.yaml").write_text(described)
     own = setup(tmp_path, assignments=(f"simulate-grasps.sensor={file}",), network=NETWORK)
-    before = trade_key("evaluate", own)
-    assert trade_key("evaluate", own) == before
+    before = stage_key("evaluate", own)
+    assert stage_key("evaluate", own) == before
     file.write_text(described.replace("rows: 100", "rows: 50"))
-    assert trade_key("evaluate", own) != before
+    assert stage_key("evaluate", own) != before
 
 
 @pytest.mark.parametrize("stage", TRADED)

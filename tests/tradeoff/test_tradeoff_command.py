@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.config.manifest import load_manifest
-from pipeline.tradeoff.measure import Setup, trade_key
+from pipeline.tradeoff.measure import Setup, stage_key
 from stages.registry import DATASET
 from tests.command_line import vt
 from tests.tradeoff.measured_trades import point, trade
@@ -20,7 +20,7 @@ def measured(tmp_path: Path) -> Path:
             stage, "points" if stage == "sample-surfaces" else "attempts"
         )
         points = point("own", 2, [1, 1, 1, 1]), point("fast", 1, [2, 2, 2, 2], **{name: 16})
-        trade(stage, "mm", *points).model_copy(update={"key": trade_key(stage, own)}).write(tmp_path)
+        trade(stage, "mm", *points).model_copy(update={"key": stage_key(stage, own)}).write(tmp_path)
     return tmp_path
 
 
@@ -36,6 +36,7 @@ def test_tradeoff_measures_draws_and_prints(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (["tradeoff", "evaluate"], "unknown stage evaluate; choose from sample-surfaces"),
+        (["tradeoff", "--until", "train-gcn"], "--until train-gcn: only evaluate ends a pipeline"),
         (["tradeoff", "--data", "s3://bucket/x"], "measure into a folder on this machine"),
         (["advise"], "give either --within or --error"),
         (["advise", "--within", "3h", "--error", "1mm"], "give either --within or --error"),

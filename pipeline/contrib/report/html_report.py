@@ -38,7 +38,7 @@ from pipeline.store.storage import Location, exists, remove
 from pipeline.tables.supplement_figures import PAPER
 from pipeline.tables.touch_tables import ObjectTouches, joined, touch_tables
 from pipeline.tradeoff.trade_pictures import draw_trade, used_point
-from pipeline.tradeoff.trades import read_trade
+from pipeline.tradeoff.trades import END_TO_END, read_trade
 from stages.registry import TRADED
 
 ASSETS = Path(pipeline.__file__).parent / "assets" / "report"
@@ -245,7 +245,7 @@ def _trades(source: ReportSource, folder: Path) -> list[Picture]:
         return []
     settings = {origin.stage: origin.settings for origin in outside_sweeps(records(source.directory)).values()}
     pictures = []
-    for trade in filter(None, [read_trade(source.directory.root, name) for name in TRADED]):
+    for trade in filter(None, [read_trade(source.directory.root, name) for name in (*TRADED, END_TO_END)]):
         used = used_point(trade, settings[trade.stage]) if trade.stage in settings else None
         file = f"figures/trade-{trade.stage}.svg"
         draw_trade(trade, folder / file, used)

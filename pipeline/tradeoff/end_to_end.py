@@ -14,16 +14,13 @@ from pipeline.engine import keys
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.touch.sensor import Sensor, resample
-from pipeline.store import digest
 from pipeline.store.directory import DataDirectory
 from pipeline.tradeoff.measure import Setup, linked_copy, measure_points, stages_before, trade_key
 from pipeline.tradeoff.sweep import file_name
-from pipeline.tradeoff.trades import MeasuredTrade, Point, kilobytes, times_of
+from pipeline.tradeoff.trades import END_TO_END, MeasuredTrade, Point, kilobytes, times_of
 from stages.evaluate.evaluation_files import chamfer_by_object, evaluation_name
 from stages.registry import load_stage
 
-END_TO_END = "reconstruction"
-"""The name, in place of a stage's, under which the trade of whole datasets is kept."""
 NETWORK = ("train-gcn.configuration=occluded-touch", "evaluate.configurations=[occluded-touch]", "evaluate.grasps=[1, 2]")
 """A network with vision and touch; it is evaluated with one and two grasps, which every variant has."""
 TRAININGS, REPEATED = 3, ("train-gcn", "evaluate")
@@ -54,7 +51,8 @@ VARIANTS: Mapping[str, Variant] = {
 
 
 def measure_end_to_end(
-    setup: Setup,
+    setup: Setup,  # all objects, and the user's settings
+    seconds: float,  # for all of it; the sample is as large as this allows
     console: Console,
 ) -> MeasuredTrade:
     """Measure every variant, as `measure_points`. Times and sizes are those of all objects and trainings together."""
@@ -64,7 +62,12 @@ def measure_end_to_end(
     variants = {label: variant for label, variant in VARIANTS.items() if alike or variant.coarse == 1}
     outputs = [stage.writes(setup.settings(stage.name)) for stage in map(load_stage, chain) if stage.per_object]
 
-    minutes = len(variants) * sum((TRAININGS if name in REPEATED else 1) * setup.seconds(name) for name in chain) / 60
+    def foreseen(sample: Setup) -> float:
+        """Foresee the seconds of all variants on one core."""
+        return len(variants) * sum((TRAININGS if name in REPEATED else 1) * sample.seconds(name) for name in chain)
+
+    setup = setup.affordable(seconds, foreseen)
+    minutes = foreseen(setup) / 60
     console.print(f"{len(variants)} datasets of {len(setup.objects)} objects: about {minutes:.0f} min, less what is measured")
 
     def measure(label: str, folder: Path) -> tuple[Point, dict[str, Any]]:
@@ -83,7 +86,7 @@ def measure_end_to_end(
         "cost": "core seconds in all",
         "trained": sum(item.split == "train" for item in setup.objects),
     }
-    key = digest.of_json([trade_key("evaluate", setup), keys.sources_hash(__name__)])
+    key = trade_key(chain, setup, keys.sources_hash(__name__))
     return measure_points(setup, END_TO_END, key, list(variants), measure, math.inf, **facts)
 
 
