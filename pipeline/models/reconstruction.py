@@ -95,10 +95,10 @@ class Trained(Entries):
 
 
 class Reconstructor(ABC):
-    """A trained network, from its folder; each subclass is a family, registered in `pipeline/models/families.py`."""
+    """A trained network, from its folder; each subclass makes surfaces in its way, for families of `pipeline/models/families.py`."""
 
-    config_type: ClassVar[type[NetworkInputs]]  # describes the family's networks
-    network_type: ClassVar[type[nn.Module]]  # called as `network_type(configuration, generator)`
+    config_type: ClassVar[type[NetworkInputs]]  # describes its networks
+    network_type: ClassVar[type[nn.Module]]  # called as `network_type(config, generator)`
     has_charts: ClassVar[bool] = False  # deforms vision charts; else it makes meshes of its own
 
     def __init__(self, folder: Path, device: torch.device | str = "cpu") -> None:

@@ -15,9 +15,8 @@ from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError, StoreError
 from pipeline.kernels.geometry.mesh import sample_triangles
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances, sampled_area, sampling_floor
-from pipeline.models import reconstruction
 from pipeline.models.observation import Observation, stored_observation
-from pipeline.models.reconstruction import Reconstruction
+from pipeline.models.reconstruction import Reconstruction, Reconstructor
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from pipeline.store.shard import RowView
@@ -94,7 +93,7 @@ class Case:
     firsts: tuple[int, ...]  # the first grasps whose figures the reconstruction gives
 
 
-class Reconstructor(ABC):
+class Method(ABC):
     """Reconstructs test objects in the cases that it has: a row of the tables."""
 
     name: str
@@ -121,13 +120,13 @@ class Reconstructor(ABC):
         return ()
 
 
-class Network(Reconstructor):
+class Network(Method):
     """A trained network."""
 
     def __init__(
         self,
         name: str,
-        model: reconstruction.Reconstructor,
+        model: Reconstructor,
         *,
         first_only: bool = False,  # only cases that begin with the first grasp: a fifth of the time of five grasps
         keeps_surfaces: bool = True,
@@ -204,7 +203,7 @@ class Protocol(ABC):
             self.training = ObjectRows(job.data, training_arrays, "train")
 
     @abstractmethod
-    def cases(self, reconstructor: Reconstructor) -> list[Case]:
+    def cases(self, reconstructor: Method) -> list[Case]:
         """List the cases of a reconstructor."""
 
     @abstractmethod
@@ -212,7 +211,7 @@ class Protocol(ABC):
         """Name the draw of points from a reconstruction, for the random generator: the same for every reconstructor."""
 
     @abstractmethod
-    def figures(self, reconstructor: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
+    def figures(self, reconstructor: Method, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure the reconstruction of an object in a case: first grasp or view, metric and value."""
 
     @abstractmethod
@@ -237,7 +236,7 @@ def sample_reconstruction(
 
 
 def measure(
-    reconstructor: Reconstructor,
+    reconstructor: Method,
     protocol: Protocol,
     job: DatasetJob,  # batch size and seed
 ) -> tuple[list[Figure], Arrays]:  # figures, and the group below `predictions` or `meshes`, empty if no surfaces are kept

@@ -31,7 +31,7 @@ from pipeline.rng import numpy_rng
 from schemas.charts import STOP_RULES
 from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
-from stages.evaluate.measure import Case, MeasuredCase, Protocol, Reconstructor
+from stages.evaluate.measure import Case, MeasuredCase, Protocol, Method
 
 NEAR, NEAR_SHARE = 5e-3, 0.01
 """Distances of the F-scores: m, and a share of the object's diagonal."""
@@ -48,7 +48,7 @@ class GraspProtocol(Protocol):
 
     stage = "evaluate"
 
-    def __init__(self, job: DatasetJob, reconstructors: Sequence[Reconstructor]) -> None:
+    def __init__(self, job: DatasetJob, reconstructors: Sequence[Method]) -> None:
         images = sorted({item.image for item in reconstructors if item.image is not None})
         takes_touch, charts = (any(getattr(item, name) for item in reconstructors) for name in ("touch", "charts"))
         arrays = ["points", "normals", "sensor_pose", "touch_success", *images, *(["projection"] if images else [])]
@@ -67,7 +67,7 @@ class GraspProtocol(Protocol):
         for item in reconstructors:
             item.prepare(self, self.grasps)
 
-    def cases(self, reconstructor: Reconstructor) -> list[Case]:
+    def cases(self, reconstructor: Method) -> list[Case]:
         """List the cases of the dataset's grasps."""
         return reconstructor.cases(self.grasps, self.settings.grasps)
 
@@ -75,7 +75,7 @@ class GraspProtocol(Protocol):
         """Name the draw of points by object and grasps."""
         return object_id, case.first, case.grasp_count
 
-    def figures(self, reconstructor: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
+    def figures(self, reconstructor: Method, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure the distances of a case; add its appearance if it is the first, and the rings around its touches if it has one grasp."""
         settings, case = self.settings, measured.case
         distances = self.distance_figures(measured.distances, measured.object_id)
@@ -223,7 +223,7 @@ class SingleImageProtocol(Protocol):
         super().__init__(job, arrays, arrays)
         self.views = min(self.settings.views, self.objects.size("rendering", "viewpoint"))
 
-    def cases(self, reconstructor: Reconstructor) -> list[Case]:
+    def cases(self, reconstructor: Method) -> list[Case]:
         """List the views."""
         return [Case(view, (), 1, (view,)) for view in range(self.views)]
 
@@ -231,7 +231,7 @@ class SingleImageProtocol(Protocol):
         """Name the draw of points by object and view."""
         return object_id, case.first
 
-    def figures(self, reconstructor: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
+    def figures(self, reconstructor: Method, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure the distances of a view."""
         figures = self.distance_figures(measured.distances, measured.object_id)
         yield from ((measured.case.first, metric, value) for metric, value in figures.items())

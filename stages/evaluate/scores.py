@@ -20,7 +20,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_companions import Companions
 from pipeline.models.families import ROWS, load_reconstructor, load_rows, model_name, rows_of, trained_folder
 from pipeline.models.observation import stored_camera
-from pipeline.models.reconstruction import Reconstructor as Model
+from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.shipped_weights import DEFAULT, SHIPPED, read_card, shipped_models
 from pipeline.store import digest
 from pipeline.store.digest import hashes_of
@@ -37,7 +37,7 @@ from schemas.touch import TOUCH
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import METHOD_NAME, SHIPPED_ROWS, SHIPPED_SCORES, evaluations, read_root
 from stages.evaluate.files import SUFFIXES, Files, surface_files
-from stages.evaluate.measure import Network, Reconstructor
+from stages.evaluate.measure import Network, Method
 from stages.evaluate.stage import Evaluate, GraspMeasuringSettings, artifacts_of
 
 
@@ -66,7 +66,7 @@ class Score(Evaluate):
     def __init__(
         self,
         folder: str,  # to fill, below the data directory
-        reconstructors: Sequence[Reconstructor],
+        reconstructors: Sequence[Method],
         artifacts: Sequence[Artifact],  # that they and the baselines beside them take, apart from surfaces and grasps
     ) -> None:
         self.folder, self.measured, self.artifacts = folder, reconstructors, artifacts
@@ -84,7 +84,7 @@ class Score(Evaluate):
         """Estimate a second and 200 kB per object: five reconstructions of a fifth of them."""
         return Cost(seconds=objects, kilobytes=200 * objects)
 
-    def reconstructors(self, job: DatasetJob) -> Sequence[Reconstructor]:
+    def reconstructors(self, job: DatasetJob) -> Sequence[Method]:
         return self.measured
 
     def attributes(self, job: DatasetJob, protocol: Any) -> dict[str, Any]:
@@ -207,7 +207,7 @@ def fitting_rows(directory: DataDirectory) -> tuple[list[str], list[str]]:
     return rows, [f"{kind}: {why}" for kind, why in reasons.items()]
 
 
-def _missing_inputs(directory: DataDirectory, model: Model) -> dict[str, str]:
+def _missing_inputs(directory: DataDirectory, model: Reconstructor) -> dict[str, str]:
     """Name the inputs that the dataset cannot give the network, with the reason."""
     images, charts = directory.collection(VISION), directory.collection(CHARTS)
     missing: dict[str, str] = {}

@@ -28,7 +28,7 @@ from schemas.vision import VISION
 from stages.evaluate.evaluation_files import METRICS, Arrays, Figure, Figures, evaluation_name, long_table, write_evaluation
 
 if TYPE_CHECKING:
-    from stages.evaluate.measure import Protocol, Reconstructor
+    from stages.evaluate.measure import Protocol, Method
 
 MEASURED = "measured"
 """Folder of the row files of finished networks, which a killed run leaves."""
@@ -120,7 +120,7 @@ class Evaluation(DatasetStage):
         """Name the model of each network that is measured, a row of the tables each."""
 
     @abstractmethod
-    def protocol(self, job: DatasetJob, reconstructors: "Sequence[Reconstructor]") -> "Protocol":
+    def protocol(self, job: DatasetJob, reconstructors: "Sequence[Method]") -> "Protocol":
         """Open the objects and choose what is measured of reconstructions."""
 
     def models(self, settings: Any) -> tuple[str, ...]:
@@ -131,7 +131,7 @@ class Evaluation(DatasetStage):
         """Name the split that is measured, and the one that baselines retrieve from."""
         return ("train", "test")
 
-    def reconstructors(self, job: DatasetJob) -> "Sequence[Reconstructor]":
+    def reconstructors(self, job: DatasetJob) -> "Sequence[Method]":
         """Load what is measured."""
         from pipeline.training.device import device_of
         from stages.evaluate.measure import Network
@@ -183,7 +183,7 @@ class Evaluation(DatasetStage):
         return {"objects": len(rows), "failed": len(rows.failed), "training": training}
 
 
-def _measured(item: "Reconstructor", protocol: "Protocol", job: DatasetJob) -> tuple[list[Figure], Arrays]:
+def _measured(item: "Method", protocol: "Protocol", job: DatasetJob) -> tuple[list[Figure], Arrays]:
     """Read figures and surfaces from the row file of a killed run, or measure them and write them to one."""
     from stages.evaluate.measure import measure
 
@@ -228,7 +228,7 @@ class Evaluate(Evaluation):
         reconstructions = 12 * len(settings.configurations) * objects / 5
         return Cost(seconds=0.1 * reconstructions, kilobytes=15 * reconstructions)
 
-    def protocol(self, job: DatasetJob, reconstructors: "Sequence[Reconstructor]") -> "Protocol":
+    def protocol(self, job: DatasetJob, reconstructors: "Sequence[Method]") -> "Protocol":
         from stages.evaluate.protocols import GraspProtocol
 
         return GraspProtocol(job, reconstructors)
@@ -255,7 +255,7 @@ class EvaluateSingleImage(Evaluation):
         """Estimate a fifth of the objects, 0.3 s per view."""
         return Cost(seconds=0.06 * settings.views * objects, kilobytes=0.1 * objects)
 
-    def protocol(self, job: DatasetJob, reconstructors: "Sequence[Reconstructor]") -> "Protocol":
+    def protocol(self, job: DatasetJob, reconstructors: "Sequence[Method]") -> "Protocol":
         from stages.evaluate.protocols import SingleImageProtocol
 
         return SingleImageProtocol(job)
