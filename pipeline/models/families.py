@@ -65,7 +65,7 @@ def row_of(trained: Trained) -> str:
 
 def reconstructor_type(configuration: str) -> type[Reconstructor]:
     """Load what makes and uses a configuration's network; it needs torch, which the names of networks do not."""
-    from pipeline.models.reconstructors import DeformationReconstructor, ImplicitReconstructor
+    from pipeline.models.reconstruction import DeformationReconstructor, ImplicitReconstructor
 
     types: Mapping[str, type[Reconstructor]] = {
         "gcn": DeformationReconstructor,

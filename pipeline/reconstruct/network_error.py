@@ -43,7 +43,7 @@ def _by_evaluation(reader: ObservationReader, name: str) -> str | None:
         figures = read_figures(directory.verified_folder(evaluated))
     except StoreError:
         return None  # out of date: `evaluate` says why
-    baseline_name = retrieved_by(reader.model.image, reader.model.touch)
+    baseline_name = retrieved_by(reader.model.config.image, reader.model.config.touch)
     if name not in figures or (baseline := figures.get(baseline_name)) is None:
         return None
     ours, theirs = (1e3 * float(rows.per_object("mean_distance").mean()) for rows in (figures[name], baseline))

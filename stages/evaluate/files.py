@@ -1,4 +1,4 @@
-"""The files of a method: listed by object, checked and read; a reconstructor like any other."""
+"""The files of a method: listed by object, checked and read."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,7 +21,7 @@ from pipeline.kernels.geometry.mesh_cleaning import number_positions
 from pipeline.kernels.metrics.retrieval import mean_squared_distance
 from pipeline.models.reconstruction import Reconstruction
 from pipeline.rng import numpy_rng
-from stages.evaluate.measure import Case, Protocol, Method, sample_reconstruction
+from stages.evaluate.measure import Case, Method, Protocol, sample_reconstruction
 
 CLOUD = ".npy"
 """Suffix of a point cloud as an array; a PLY file may hold one too."""

@@ -1,4 +1,4 @@
-"""Scores: reconstructors other than the networks of a data directory, measured as `evaluate` measures these, into DATA/scores/NAME."""
+"""Scores: methods other than the networks of a data directory, measured as `evaluate` measures these, into DATA/scores/NAME."""
 
 import hashlib
 import re
@@ -37,8 +37,9 @@ from schemas.touch import TOUCH
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import METHOD_NAME, SHIPPED_ROWS, SHIPPED_SCORES, evaluations, read_root
 from stages.evaluate.files import SUFFIXES, Files, surface_files
-from stages.evaluate.measure import Network, Method
-from stages.evaluate.stage import Evaluate, GraspMeasuringSettings, artifacts_of
+from stages.evaluate.measure import Method, Network
+from stages.evaluate.protocols import GraspProtocol
+from stages.evaluate.stage import Evaluation, GraspMeasuringSettings, artifacts_of
 
 
 class ScoreSettings(GraspMeasuringSettings):
@@ -58,24 +59,23 @@ class ShippedSettings(GraspMeasuringSettings):
     learned_from: tuple[str, ...] = setting((), "test objects that it has learned from", changes="definition")
 
 
-class Score(Evaluate):
-    """Measure reconstructors with the draws of `evaluate`, so that a network's own meshes get its own figures."""
+class Score(Evaluation):
+    """Measure methods with the draws of `evaluate`, so that a network's own meshes get its own figures."""
 
     name = "score"
+    summary = "Reconstructions by any method, measured as `evaluate` measures networks."
+    settings_type = GraspMeasuringSettings
 
     def __init__(
         self,
         folder: str,  # to fill, below the data directory
-        reconstructors: Sequence[Method],
+        methods: Sequence[Method],
         artifacts: Sequence[Artifact],  # that they and the baselines beside them take, apart from surfaces and grasps
     ) -> None:
-        self.folder, self.measured, self.artifacts = folder, reconstructors, artifacts
+        self.folder, self.measured, self.artifacts = folder, methods, artifacts
 
     def inputs(self, settings: Any) -> tuple[Artifact, ...]:
         return (SURFACES, GRASPS, *self.artifacts)
-
-    def networks(self, settings: Any) -> dict[str, str]:
-        return {}
 
     def writes(self, settings: Any) -> str:
         return self.folder
@@ -84,8 +84,11 @@ class Score(Evaluate):
         """Estimate a second and 200 kB per object: five reconstructions of a fifth of them."""
         return Cost(seconds=objects, kilobytes=200 * objects)
 
-    def reconstructors(self, job: DatasetJob) -> Sequence[Method]:
+    def methods(self, job: DatasetJob) -> Sequence[Method]:
         return self.measured
+
+    def protocol(self, job: DatasetJob, methods: Sequence[Method]) -> GraspProtocol:
+        return GraspProtocol(job, methods)
 
     def attributes(self, job: DatasetJob, protocol: Any) -> dict[str, Any]:
         """Return the version, for those who cite the score."""
