@@ -18,7 +18,7 @@ from pipeline.engine.plan import Request
 from pipeline.engine.stage import Cost, DatasetJob
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_companions import Companions
-from pipeline.models.families import ROWS, load_reconstructor, load_rows, model_name, rows_of, trained_folder
+from pipeline.models.families import ROWS, load_reconstructor, load_rows, model_record, rows_of, trained_folder
 from pipeline.models.observation import stored_camera
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.shipped_weights import DEFAULT, SHIPPED, read_card, shipped_models
@@ -193,7 +193,7 @@ def shipped_folder() -> Path:
 
 def shipped_digest() -> str:
     """Compute the SHA-256 of its record, which names every file of the weights by its digest; empty if there is none."""
-    record = SHIPPED / f"{model_name(DEFAULT).removeprefix('models/')}.json"
+    record = Path(model_record(SHIPPED, DEFAULT))
     return hashlib.sha256(record.read_bytes()).hexdigest() if record.exists() else ""
 
 
