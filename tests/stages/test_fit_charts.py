@@ -1,6 +1,7 @@
 """The stage on a pressed ball: arrays as declared, squares where nothing touched, charts where something did."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import igl
@@ -49,9 +50,9 @@ def poses() -> np.ndarray:
 
 
 class GivenRow(dict[str, np.ndarray]):
-    """Arrays with the attributes of their shard."""
+    """Arrays, and their shard."""
 
-    attributes: dict[str, Any]
+    shard: SimpleNamespace
 
 
 def task(heights: tuple[float, ...] = (0.003, 1.0, 0.0055, 0.00675), name: str = "ball", **sensor: Any) -> tuple[Unit, dict[str, Any]]:
@@ -59,7 +60,7 @@ def task(heights: tuple[float, ...] = (0.003, 1.0, 0.0055, 0.00675), name: str =
     depth = np.stack([depth_of(height) for height in heights]).reshape(2, 2, 100, 100)
     tactile_images = np.stack([tactile_image(one, SENSOR) for one in depth.reshape(4, 100, 100)]).reshape(2, 2, 100, 100, 3)
     touch = GivenRow(depth=depth, tactile_image=tactile_images)
-    touch.attributes = {"sensors": [SENSOR.model_copy(update=sensor).model_dump(mode="json")] * 2}
+    touch.shard = SimpleNamespace(path="touch", attributes={"sensors": [SENSOR.model_copy(update=sensor).model_dump(mode="json")] * 2})
     return Unit(name), {"touch": touch, "grasps": {"sensor_pose": poses(), "touch_success": touch_success(depth, SENSOR)}}
 
 
