@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import field_validator
 
 from pipeline.config.settings import ObjectSettings, setting
-from pipeline.dataset.object_rows import ObjectRows, is_surface, touch_sensor
+from pipeline.dataset.object_rows import ObjectRows, is_surface, sensor_of
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Trade, Unit
 from pipeline.kernels.charts.touch_chart import SIDE, FitOptions, StopRule, chart_square
 from pipeline.kernels.touch.depth_maps import in_gel
@@ -119,7 +119,7 @@ class FitCharts(ObjectStage):
         model = load_touch_model(models[NETWORKS[settings.cloud]], "cpu") if settings.cloud in NETWORKS else None
 
         def process(unit: Unit, inputs: Inputs) -> Row:
-            touch, sensor = inputs["touch"], touch_sensor(inputs["touch"].attributes)
+            touch, sensor = inputs["touch"], sensor_of(inputs["touch"].shard)
             poses, touched = inputs["grasps"]["sensor_pose"], inputs["grasps"]["touch_success"]
             if model is None:
                 clouds = [masked_points(depth, in_gel(depth, sensor), sensor) for depth in touch["depth"][touched].astype(np.float64)]

@@ -5,7 +5,7 @@ import signal
 import time
 import traceback
 import uuid
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ class Work:
         return RowFiles(DataDirectory(self.data).work(output.name), output).save(result, row, unit.category)
 
 
-class Executor(AbstractContextManager["Executor"], ABC):
+class Executor(AbstractContextManager["Executor"]):
     """Processes units; its resources are released at the end of the context, without waiting for units in progress after an error."""
 
     @property
@@ -111,6 +111,8 @@ def session(work: Work) -> Iterator[Callable[[Unit], Result]]:
                 failure = Failure(stage=stage.name, reason=visible(str(error)))
             except MemoryError:
                 failure = Failure(stage=stage.name, reason=f"memory ran out; {MORE_MEMORY}")
+            except StoreError:  # an input is damaged
+                raise
             except Exception as error:  # a bug in this project: the other objects are processed anyway
                 if is_machine_fault(error):
                     raise

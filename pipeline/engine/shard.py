@@ -185,7 +185,7 @@ class ShardPlan(Plan):
         pending = sum(self._waiting(unit) is None and self._published(unit) is None for unit in self.requested)
         cost = self.stage.cost(self.settings)
         same = [shard.record for shard in self._existing().shards if shard.record.settings == self.settings.results()]
-        seconds = [row.seconds for record in same for row in record.rows]
+        seconds = [row.seconds for record in same for row in record.rows if row.failure is None]
         mean = sum(seconds) / len(seconds) if seconds else cost.seconds
         return pending, pending * mean / self.request.executor.processes, self.total * cost.kilobytes
 

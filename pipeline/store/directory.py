@@ -219,7 +219,7 @@ class Collection:
 
     @cached_property
     def first(self) -> Shard:
-        """Return the first shard with a row: others lack sizes.; settings, attributes and constants are the same in all."""
+        """The first shard with a row: others lack sizes. Settings, attributes and constants are the same in all."""
         if not self.shards:
             raise StoreError(self._not_made)
         self.check_alike()

@@ -71,7 +71,7 @@ def train(
         "hardware": {
             "device": torch.cuda.get_device_name(device) if gpus else f"{platform.machine()} CPU",
             "processes": settings.devices,
-            "processors": [processor_kind(processor())],
+            "processor": processor_kind(processor()),
             "threads": settings.threads,
             "precision": settings.precision,
         },

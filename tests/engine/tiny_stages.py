@@ -22,7 +22,7 @@ from pipeline.engine.executor import Serial, Work
 from pipeline.engine.make import make, plans
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage, Inputs, ObjectStage, Unit
-from pipeline.errors import InvalidInput, StageError
+from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import Collection, DataDirectory
 from pipeline.store.publish import commit_folder
@@ -91,6 +91,8 @@ class MakeNoise(_TinyStage):
                     raise InvalidInput("not yet")
                 case "bad":
                     raise InvalidInput("it is bad; make it good")
+                case "lost":
+                    raise StoreError("its sensor cannot be used")
                 case "bug":
                     raise ZeroDivisionError("a fault of ours")
                 case "memory":

@@ -10,8 +10,7 @@ from pipeline.kernels.charts.touch_chart import StopRule
 from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.models.observation import Observation, stored_observation
-from pipeline.models.reconstruction import Reconstructor
-from pipeline.models.reconstructors import DeformationReconstructor
+from pipeline.models.reconstruction import DeformationReconstructor, Reconstructor
 from tests.stages import ball_dataset as spheres
 
 SPHERE = vision_charts(0)

@@ -24,8 +24,7 @@ from pipeline.kernels.geometry.mesh import sample_triangles
 from pipeline.kernels.metrics.bootstrap import Interval
 from pipeline.kernels.metrics.cloud_distances import cloud_distances, nearest_squared, sampling_floor
 from pipeline.models.observation import stored_observation
-from pipeline.models.reconstruction import Reconstructor
-from pipeline.models.reconstructors import DeformationReconstructor
+from pipeline.models.reconstruction import DeformationReconstructor, Reconstructor
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory, shard_of
 from pipeline.tables.comparison import read_values

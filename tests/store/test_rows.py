@@ -171,5 +171,5 @@ def test_infinite_arrays_hold_positive_infinity_only():
     (stored,) = conform(RANGES, {"depth": np.array([1, np.inf])}).values()
     assert stored.tolist() == [1, np.inf]
     for value in (-np.inf, np.nan):
-        with pytest.raises(StoreError, match="depth holds a value that is not finite"):
+        with pytest.raises(ValueError, match="depth holds a value that is not finite"):
             conform(RANGES, {"depth": np.array([1, value])})

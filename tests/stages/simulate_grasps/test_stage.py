@@ -14,14 +14,11 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.mesh_cleaning import normalise_mesh
-from pipeline.kernels.hand.pinches import opposed_postures
 from pipeline.physics.hold_test import is_held
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from schemas.base import COMMON, FIXED
 from schemas.grasps import GRASPS
-from stages.simulate_grasps.plans import HoldPlanner
-from stages.simulate_grasps.prepare import PreparedHand, prepare_object
 from stages.simulate_grasps.stage import GraspSettings, SimulateGrasps
 from tests.kernels.hand.meshes import bar, centred, points_on
 from tests.stages import ball_dataset
@@ -84,14 +81,6 @@ def test_hold_search_touches_objects_that_the_hand_cannot_span_and_makes_all_att
     assert row["attempts"] == 2
     assert row["touch_success"].any()
     assert not row["held"].any()
-
-
-def test_hold_search_plans_for_fingers_that_oppose_no_other(prepared: PreparedHand) -> None:
-    box = centred(trimesh.creation.box((0.05, 0.06, 0.12)))
-    thing = prepare_object(box, *points_on(box, 2000, seed=1), reach=prepared.reach)
-    none = opposed_postures(prepared.ik).rows(np.empty(0, np.intp))
-    settings = SETTINGS.model_copy(update={"search": "hold"})
-    assert HoldPlanner(prepared, thing, settings, none, numpy_rng(0, "rays"))(numpy_rng(0, "plan", 0)) is not None
 
 
 def test_early_stop_keeps_the_same_grasps() -> None:
