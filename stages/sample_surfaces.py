@@ -62,8 +62,6 @@ class SampleSurfaces(ObjectStage):
 
     def describe_shard(self, settings: SurfaceSettings, shard: Shard) -> Iterator[str]:
         """Name the objects that lack something of their files, such as a texture."""
-        if not shard.has("unread"):  # all objects failed
-            return
         unread = shard.read("unread")
         yield from unread_remarks({name: str(unread[row]).split("\n") for name, row in shard.position.items() if unread[row]})
 

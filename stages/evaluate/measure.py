@@ -34,8 +34,6 @@ def has_paper_sizes(data: Location) -> bool:
     shard = DataDirectory(data).collection(SURFACES).first
     if shard.attributes.get("settings", {}).get("diagonal", PAPER_DIAGONAL) != PAPER_DIAGONAL:
         return False
-    if not shard.has("metres_per_unit"):  # older datasets keep no real sizes
-        return True
     rows = ObjectRows(data, ["metres_per_unit"], split=None)
     return all(rows.read("metres_per_unit", object_id) == 0 for object_id in rows.object_ids)
 

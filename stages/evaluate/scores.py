@@ -178,8 +178,6 @@ def score_shipped(data: Location, console: Console) -> list[str]:
 
 def learned_objects(directory: DataDirectory) -> tuple[str, ...]:
     """Name the test objects that the pretrained network has learned from."""
-    if not directory.collection(SURFACES).first.has("source_file"):  # older datasets
-        return ()
     manifests = map(load_manifest, read_card(DEFAULT).learned_from)
     learned = {identity(item.source) for manifest in manifests for item in manifest.objects(None) if item.split == "train"}
     rows = ObjectRows(directory.root, ["source_file", "source_sha256"], "test")

@@ -450,13 +450,13 @@ def test_tables_that_violate_their_schema_are_not_written(tmp_path, change, word
 def test_evaluation_that_violates_its_schema_is_refused(evaluation, tmp_path):
     folder = shutil.copytree(evaluation[0], tmp_path / "evaluation")
     root = zarr.open_group(str(folder / TABLES_ZARR), mode="r+")
-    root["objects"].create_array("floor", shape=(COUNT + 1,), dtype="float64", overwrite=True)
+    root["objects"].create_array("floor", shape=(COUNT + 1,), dtype="float64", overwrite=True)[...] = 1
     with pytest.raises(StoreError, match=r"objects/.* has shape"):
         read_table(folder, "objects")
-    root["objects"].create_array("floor", shape=(COUNT,), dtype="string", overwrite=True)
+    root["objects"].create_array("floor", shape=(COUNT,), dtype="string", overwrite=True)[...] = "low"
     with pytest.raises(StoreError, match="an array of objects has another type"):
         read_table(folder, "objects")
-    root["objects"].create_array("floor", shape=(COUNT,), dtype="float64", overwrite=True)
+    root["objects"].create_array("floor", shape=(COUNT,), dtype="float64", overwrite=True)[...] = 1
     root.attrs["configurations"] = {"moon": {"touch": True}}
     with pytest.raises(StoreError, match="has no figures of moon"):
         read_values([folder])
