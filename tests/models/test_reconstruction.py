@@ -60,11 +60,7 @@ def test_observations_that_do_not_match_the_model_are_refused(models: dict[str, 
         ("touch", [], "observations is empty"),
         ("touch", [nowhere], "touch_vertices has values that are not finite"),
         ("unoccluded", [Observation(image)], r"unoccluded was trained on images of .* these have \[1, 1\]"),
-        (
-            "unoccluded",
-            [Observation(np.zeros((size, size, 3), np.float32))],
-            r"images are .* torch.float32; stored images are",
-        ),
+        ("unoccluded", [Observation(np.zeros((size, size, 3), np.float32))], r"images are .* torch.float32; stored images are"),
     ):
         with pytest.raises(ValueError, match=message):
             models[name].reconstruct(views)

@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 import torch
 import trimesh
+from rich.console import Console
 
 from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
+from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Unit
 from pipeline.formats.scene_file import load_scene
@@ -37,6 +39,7 @@ from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
+from stages.registry import load_stage, resolve
 from tests.engine.tiny_stages import pack, publish
 
 CENTRE = np.array([0.0, 0.0, 0.6])
@@ -255,6 +258,13 @@ def make_data(data: Path, count: int, splits: Sequence[str] = ("test",), ungrasp
     The balls `ungrasped` fail in simulate-grasps.
     """
     shutil.copytree(_made(count, tuple(splits), ungrasped, shards, touched), data, dirs_exist_ok=True)
+
+
+def run_stage(data: Path, name: str, items: list[Object], *assignments: str, seed: int = 0, folder: str | None = None) -> None:
+    """Run a stage on a dataset of balls."""
+    settings = resolve(name, "draft", assignments)
+    (plan,) = plans(Request(load_stage(name), settings, "balls", items, "draft", seed, data, folder=folder))
+    plan.make(Console(quiet=True))
 
 
 def make_model(data: Path, name: str, *, still: bool = False, training_seed: int = 0) -> Path:

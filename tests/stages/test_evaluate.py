@@ -271,9 +271,8 @@ def test_evaluation_repeats_to_the_bit_and_depends_on_the_seed(data):
     assert hashes_of(again) == hashes_of(first)
     by_seven = figures(evaluate(data, "by-seven", batch_size=7, configurations=("occluded",))[0], "occluded")
     np.testing.assert_allclose(by_seven.per_case("chamfer"), figures(again, "occluded").per_case("chamfer"), rtol=1e-5)
-    (plan,) = plans(replace(request(data, configurations=("none",)), seed=1, folder="other"))
-    plan.make(Console(quiet=True))
-    other = figures(plan.directory.folder_path("other"), "none")
+    spheres.run_stage(data, "evaluate", spheres.objects(COUNT), "points=500", "configurations=[none]", seed=1, folder="other")
+    other = figures(DataDirectory(data).folder_path("other"), "none")
     assert (other.per_case("chamfer") != figures(again, "none").per_case("chamfer")).all()
 
 

@@ -23,11 +23,7 @@ from tests.stages import ball_dataset as spheres
 from tests.stages.tiny_dataset import manifest, run_stage
 
 SMALL = ("train-gcn.gcn_layers=3", "train-gcn.gcn_features=12", "train-gcn.epochs=2", "train-gcn.loss_points=200", "train-gcn.threads=1")
-NONE = (
-    "train-gcn.configuration=none",
-    "train-gcn.validation_items=1",
-    *SMALL,
-)
+NONE = ("train-gcn.configuration=none", "train-gcn.validation_items=1", *SMALL)
 SIZES = (0.5, 0.1)
 SHRINK = SIZES[1] / SIZES[0]
 

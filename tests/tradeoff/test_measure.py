@@ -57,11 +57,11 @@ def test_time_that_is_too_short_for_any_candidate_is_refused(tmp_path: Path) -> 
 
 def test_another_sample_may_share_no_object_with_the_first(tmp_path: Path) -> None:
     items = load_manifest("toy").objects(None)
-    for objects in (items[:2], items[2:4]):
+    for objects in (items[:1], items[1:2]):
         sample = setup(tmp_path, objects=objects, assignments=(FAST, "simulate-grasps.attempts=5"))
         measure_trade("simulate-grasps", sample, limit=1e9, deadline=0, console=console)
     (inputs,) = (tmp_path / FOLDER).glob("inputs-*")
-    assert list(DataDirectory(inputs).collection(SURFACES)) == sorted(item.object_id for item in items[2:4])
+    assert list(DataDirectory(inputs).collection(SURFACES)) == [items[1].object_id]
 
 
 def test_more_points_take_more_bytes_and_cover_better(measured_data: Path) -> None:
