@@ -15,7 +15,7 @@ from pipeline.dataset.object_rows import paired_rows
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Trade, Unit
 from pipeline.formats.file_content import is_pointer_file
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.mesh_cleaning import CleaningReport, clean_mesh, normalise_mesh
+from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, CleaningReport, clean_mesh, normalise_mesh
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
 from schemas.surfaces import SURFACES
@@ -26,7 +26,7 @@ class SurfaceSettings(ObjectSettings):
 
     points: int = setting(10_000, "the supplement's S^obj (1.1)", ge=10)
     diagonal: float = setting(
-        0.5, "bounding-box diagonal that objects are scaled to, m: the authors' 1 × 0.5", ge=1e-3, le=100, changes="definition"
+        DIAGONAL, "bounding-box diagonal that objects are scaled to, m: the authors' 1 × 0.5", ge=1e-3, le=100, changes="definition"
     )
     directions: int = setting(
         256,
