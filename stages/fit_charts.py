@@ -113,8 +113,8 @@ class FitCharts(ObjectStage):
     def session(self, settings: ChartSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         """Load the network that the settings use; compute on one thread per worker, for results that do not depend on their number."""
         from pipeline.kernels.charts.chart_fitting import fit_charts
+        from pipeline.models.device import torch_threads
         from pipeline.models.touch_model import load_touch_model
-        from pipeline.training.device import torch_threads
 
         model = load_touch_model(models[NETWORKS[settings.cloud]], "cpu") if settings.cloud in NETWORKS else None
 

@@ -17,7 +17,7 @@ from pipeline.engine.stage import ObjectStage, Unit
 from pipeline.errors import InvalidInput, PipelineError, StageError, StoreError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Failure, processor, processor_kind
-from pipeline.store.rows import Result, Row, RowFiles, conform
+from pipeline.store.rows import Result, Row, conform
 from pipeline.store.storage import Location, is_machine_fault
 
 MORE_MEMORY = "with more memory, or the mesh made smaller, run again with --retry"
@@ -35,8 +35,7 @@ class Work:
 
     def save(self, result: Result, row: Row, unit: Unit) -> Result:
         """Keep a unit's row or failure until it is published."""
-        output = self.stage.output
-        return RowFiles(DataDirectory(self.data).work(output.name), output).save(result, row, unit.category)
+        return DataDirectory(self.data).rows(self.stage.output).save(result, row, unit.category)
 
 
 class Executor(AbstractContextManager["Executor"]):

@@ -84,9 +84,9 @@ def model_name(configuration: str, training_seed: int = 0) -> str:
     return "/".join(filter(None, folders))
 
 
-def model_record(models: Location, configuration: str, training_seed: int = 0) -> Location:
+def model_record(configuration: str, training_seed: int = 0) -> str:
     """Return the path of the record of a configuration's model, below a folder of models."""
-    return models / f"{model_name(configuration, training_seed).removeprefix('models/')}.json"
+    return f"{model_name(configuration, training_seed).removeprefix('models/')}.json"
 
 
 def load_reconstructor(
@@ -109,7 +109,7 @@ def load_rows(folders: Mapping[str, Path], device: torch.device | str = "cpu") -
 
 def trained_models(models: Location, training_seed: int = 0) -> dict[str, Location]:
     """Find the trained networks: by configuration, the folder below `models` that holds its record."""
-    folders = {name: model_record(models, name, training_seed).parent for name in ROWS}
+    folders = {name: (models / model_record(name, training_seed)).parent for name in ROWS}
     records = {folder: set(list_folder(folder)) for folder in set(folders.values())}
     return {name: folder for name, folder in folders.items() if f"{ROWS[name].network}.json" in records[folder]}
 

@@ -71,7 +71,7 @@ def models_location(name: str) -> Location:
 
 def card_path(models: Path, configuration: str) -> Path:
     """Return the path of a network's card, below a folder of models."""
-    return Path(model_record(models, configuration)).with_name(CARD.format(ROWS[configuration].network))
+    return (models / model_record(configuration)).with_name(CARD.format(ROWS[configuration].network))
 
 
 def shipped_sensor_network(sensor: str, weights: Path = SHIPPED) -> Path | None:

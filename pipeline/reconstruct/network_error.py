@@ -58,7 +58,7 @@ def _by_evaluation(reader: ObservationReader, name: str) -> str | None:
 def _by_training(reader: ObservationReader, name: str) -> str:
     """Convert the validation loss of the best epoch to mm."""
     model = reader.model
-    path = model_record(reader.models, name, reader.training_seed)
+    path = reader.models / model_record(name, reader.training_seed)
     try:
         loss = float(DataDirectory(path.parent).folder(path.stem).facts["best"]["loss"])
     except (KeyError, TypeError, ValueError) as error:

@@ -14,6 +14,7 @@ from pipeline.formats.description_file import read_yaml
 from pipeline.kernels.geometry.closed_surface import RESOLUTION
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.kernels.vision.view_transfer import foreground
+from pipeline.models.device import device_of
 from pipeline.models.families import load_reconstructor, model_name, trained_folder, trained_models
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, close_reconstruction
@@ -28,7 +29,6 @@ from pipeline.reconstruct.observation_reader import ObservationReader, object_ma
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location
 from pipeline.store.validate import check_origins
-from pipeline.training.device import device_of
 
 Surface = Literal["charts", "joined", "both", "closed"]
 RESOLUTIONS = 64, 400

@@ -14,6 +14,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError, StoreError
 from pipeline.kernels.geometry.mesh import sample_triangles
+from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances, sampled_area, sampling_floor
 from pipeline.models.observation import Observation, stored_observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor
@@ -25,22 +26,18 @@ from schemas.surfaces import SURFACES
 from stages.evaluate.evaluation_files import Arrays, Figure, Figures
 
 SPLIT = "test"
-PAPER_DIAGONAL = 0.5
-"""Diagonal to which the paper scales its objects, m."""
 
 
 def has_paper_sizes(data: Location) -> bool:
     """Check whether every object was scaled to the paper's diagonal: only then can figures in metres be compared with the paper's."""
     shard = DataDirectory(data).collection(SURFACES).first
-    if shard.attributes.get("settings", {}).get("diagonal", PAPER_DIAGONAL) != PAPER_DIAGONAL:
+    if shard.attributes.get("settings", {}).get("diagonal", DIAGONAL) != DIAGONAL:
         return False
-    if not shard.has("metres_per_unit"):  # older datasets keep no real sizes
-        return True
     rows = ObjectRows(data, ["metres_per_unit"], split=None)
     return all(rows.read("metres_per_unit", object_id) == 0 for object_id in rows.object_ids)
 
 
-class TestObjects(ObjectRows):
+class MeasuredObjects(ObjectRows):
     """The objects of the test split that have every array which a method needs: the same for all."""
 
     def __init__(
@@ -67,13 +64,9 @@ class TestObjects(ObjectRows):
         """Read the (count, 3) outward unit normals at `points`."""
         return self.read("normals", object_id)[: self.count].astype(np.float64)
 
-    def area(self, object_id: str) -> float:
-        """Estimate the area of an object's surface, m², from distances between points: two sides of thin parts count once."""
-        return sampled_area(self.points(object_id))
-
     def table(self) -> Arrays:
         """Make the group `objects` of the schema."""
-        areas = [self.area(object_id) for object_id in self.object_ids]
+        areas = [sampled_area(self.points(object_id)) for object_id in self.object_ids]  # two sides of thin parts count once
         return {
             "object_id": np.array(self.object_ids),
             "category": np.array(self.categories),
@@ -198,7 +191,7 @@ class Protocol(ABC):
         training_arrays: Sequence[str],  # of the training objects, from which baselines retrieve
     ) -> None:
         self.job, self.settings = job, job.settings
-        self.objects = TestObjects(job.data, arrays, job.settings.points, self.stage)
+        self.objects = MeasuredObjects(job.data, arrays, job.settings.points, self.stage)
         self.training: ObjectRows | None = None
         with suppress(StoreError):  # there are none, or all of them failed
             self.training = ObjectRows(job.data, training_arrays, "train")

@@ -248,8 +248,7 @@ class SingleImageProtocol(Protocol):
 
     def distance_figures(self, distances: CloudDistances, object_id: str) -> dict[str, float]:
         """Compute the figures in the standard's unit, to which the diagonal that objects were scaled to is scaled, or the object's own."""
-        view = self.objects.surface(object_id)
-        if "metres_per_unit" in view and view["metres_per_unit"] > 0:
+        if self.objects.surface(object_id)["metres_per_unit"] > 0:
             diagonal = self.objects.diagonal(object_id)
         else:
             diagonal = self.objects.attributes("surfaces")["settings"]["diagonal"]

@@ -18,6 +18,7 @@ from pipeline.engine.plan import Request
 from pipeline.engine.stage import Cost, DatasetJob
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_companions import Companions
+from pipeline.models.device import device_of
 from pipeline.models.families import ROWS, load_reconstructor, load_rows, model_record, rows_of, trained_folder
 from pipeline.models.observation import stored_camera
 from pipeline.models.reconstruction import Reconstructor
@@ -28,7 +29,6 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import withdraw
 from pipeline.store.record import library_versions
 from pipeline.store.storage import Location
-from pipeline.training.device import device_of
 from schemas.base import Artifact
 from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
@@ -36,9 +36,9 @@ from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import METHOD_NAME, SHIPPED_ROWS, SHIPPED_SCORES, evaluations, read_root
-from stages.evaluate.files import SUFFIXES, Files, surface_files
 from stages.evaluate.measure import Method, Network
 from stages.evaluate.protocols import GraspProtocol
+from stages.evaluate.scored_files import SUFFIXES, Files, surface_files
 from stages.evaluate.stage import Evaluation, GraspMeasuringSettings, artifacts_of
 
 
@@ -178,8 +178,6 @@ def score_shipped(data: Location, console: Console) -> list[str]:
 
 def learned_objects(directory: DataDirectory) -> tuple[str, ...]:
     """Name the test objects that the pretrained network has learned from."""
-    if not directory.collection(SURFACES).first.has("source_file"):  # older datasets
-        return ()
     manifests = map(load_manifest, read_card(DEFAULT).learned_from)
     learned = {identity(item.source) for manifest in manifests for item in manifest.objects(None) if item.split == "train"}
     rows = ObjectRows(directory.root, ["source_file", "source_sha256"], "test")
@@ -193,7 +191,7 @@ def shipped_folder() -> Path:
 
 def shipped_digest() -> str:
     """Compute the SHA-256 of its record, which names every file of the weights by its digest; empty if there is none."""
-    record = Path(model_record(SHIPPED, DEFAULT))
+    record = SHIPPED / model_record(DEFAULT)
     return hashlib.sha256(record.read_bytes()).hexdigest() if record.exists() else ""
 
 

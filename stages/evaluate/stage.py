@@ -133,7 +133,7 @@ class Evaluation(DatasetStage):
 
     def methods(self, job: DatasetJob) -> "Sequence[Method]":
         """Load what is measured."""
-        from pipeline.training.device import device_of
+        from pipeline.models.device import device_of
         from stages.evaluate.measure import Network
 
         folders = {name: job.models[model] for name, model in self.networks(job.settings).items()}
@@ -146,7 +146,7 @@ class Evaluation(DatasetStage):
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Measure one network or method after the other, then the baselines; write all figures and their means."""
-        from pipeline.training.device import torch_threads
+        from pipeline.models.device import torch_threads
         from stages.evaluate.measure import has_paper_sizes
 
         methods = self.methods(job)

@@ -297,7 +297,8 @@ def publish(data: Path, name: str, folder: Path, stage: str, facts: dict[str, An
         **{"seed": 0, "manifest": "tiny", "models": {}, "versions": {}, "processor": {}, "splits": (), "inputs": {}},
         **{"facts": facts or {}, "seconds": 1.5, "files": hashes_of(folder)},
     )
-    return commit_folder(DataDirectory(data), name, folder, record)
+    commit_folder(DataDirectory(data), name, folder, record)
+    return DataDirectory(data).folder_path(name)
 
 
 def published(data: Path, artifact: Artifact = NOISE) -> Collection:

@@ -105,7 +105,8 @@ def surfaces(unit: Unit) -> Row:
     points = (CENTRE + radius_of(unit) * directions).astype(np.float32)
     placement = np.block([[SCALE * TURN, CENTRE[:, None]], [np.eye(4)[3:]]])
     described = {"points": points, "normals": directions.astype(np.float32), "watertight": np.array(True), "placement": placement}
-    source = {"source_file": np.array(f"ball {unit.name}"), "source_sha256": np.array("")}
+    texts = {"source_file": f"ball {unit.name}", "source_sha256": "", "licence": "", "unread": ""}
+    source = {"metres_per_unit": np.array(0.0), **{name: np.array(text) for name, text in texts.items()}}
     return described | flags | mesh | look | source
 
 
@@ -135,7 +136,7 @@ def grasps(unit: Unit) -> Row:
         "contact_point": np.where(felt[..., None], CENTRE + radius_of(unit) * outward, 0.0),
         "contact_normal": np.where(felt[..., None], -outward, 0.0),
         "contact_area": np.where(felt, 1e-5, 0.0).astype(np.float32),
-        "penetration": np.zeros(GRASPS_AN_OBJECT, np.float32),
+        **{name: np.zeros(GRASPS_AN_OBJECT, np.float32) for name in ("opposition", "closure", "penetration")},
         "attempts": np.array(5, np.int32),
         "attempt_success": np.full(SENSORS, 0.75, np.float32),
     }

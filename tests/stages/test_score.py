@@ -20,7 +20,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.tables.comparison import scores
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import METRICS, read_figures
-from stages.evaluate.files import find_faults, find_files, misplacement, read_surface
+from stages.evaluate.scored_files import find_faults, find_files, misplacement, read_surface
 from stages.evaluate.scores import files_digest
 from tests.command_line import vt
 from tests.engine.tiny_stages import pack

@@ -17,7 +17,6 @@ from pipeline.contrib.exports.convex_parts import convex_parts
 from pipeline.dataset.completed_objects import CompletedObjects
 from pipeline.dataset.grasps import grasping_hand, read_grasps
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.errors import StoreError
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.grasp import Grasp
 from pipeline.store.storage import Location
@@ -63,8 +62,6 @@ class GraspedObjects(CompletedObjects):
     def __init__(self, data: Location) -> None:
         super().__init__(data, ("surfaces", "grasps"))
         self._surfaces, self._grasps = self.collections["surfaces"], self.collections["grasps"]
-        if not self._surfaces.first.has("placement"):
-            raise StoreError(f"{self._surfaces.first.path} does not say how objects were placed; run sample-surfaces again")
         self.grasping = grasping_hand({"grasps": self._grasps.first.attributes})
 
     @property
