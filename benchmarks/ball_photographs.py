@@ -17,7 +17,8 @@ from scipy.optimize import minimize_scalar
 from pipeline.contrib.calibration.ball_contact import Circle, Photograph, ball_impression, distance_from
 from pipeline.contrib.calibration.ball_photographs import CIRCLES, read_photographs
 from pipeline.errors import InvalidInput
-from pipeline.kernels.touch.calibrated_shading import calibrated_change
+from pipeline.kernels.touch.calibrated_shading import indentation_change
+from pipeline.kernels.touch.depth_maps import gel_under
 from pipeline.kernels.touch.sensor import Sensor
 
 GELSLAM = Path("gelslam/src/gelslam/resources/example_calibration")
@@ -73,8 +74,8 @@ def recovered_radius(
 
     def error(log_radius: float) -> float:
         assert sensor.calibrated is not None
-        pressed = ball_impression(sensor, photograph.contact, float(np.exp(log_radius)))
-        return float(np.abs(calibrated_change(pressed, sensor, sensor.calibrated)[contact] - change).mean())
+        gel = gel_under(ball_impression(sensor, photograph.contact, float(np.exp(log_radius))), sensor)
+        return float(np.abs(indentation_change(gel.indentation, sensor, sensor.calibrated)[contact] - change).mean())
 
     result = minimize_scalar(error, bounds=(np.log(1.02 * reach), np.log(LARGEST * radius)), method="bounded", options={"xatol": 0.01})
     return float(np.exp(result.x))

@@ -1,7 +1,7 @@
 """Tests of grasps: the accelerations under which an object must stay, the motion of the fingers, and how far the object may move."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
@@ -36,7 +36,8 @@ class GraspTest:
     def open(self, engine: Engine, hand: Hand, sensors: Sequence[Sensor]) -> HoldTest:
         """Open a hold test in an engine with this mass and friction."""
         hold_test = MujocoHoldTest if engine == "mujoco" else HoldTest
-        return hold_test(hand, sensors, mass=self.mass, friction=self.friction, torsion=self.torsion)
+        rubbed = hand if self.friction is None else replace(hand, friction=self.friction)
+        return hold_test(rubbed, sensors, mass=self.mass, torsion=self.torsion)
 
     def holds(self, test: HoldTest, grasp: Grasp) -> bool:
         """Check whether a grasp of the loaded object holds; the first acceleration under which it does not ends the test."""

@@ -22,8 +22,8 @@ from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table
 from pipeline.dataset.grasps import grasping_hand, grasping_sensors, read_grasps
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.kernels.hand.grasp import measure_contact
-from pipeline.kernels.touch.ray_depth import box_faces
+from pipeline.kernels.hand.grasp import contact_from_depth
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -54,7 +54,9 @@ def measure_object(data: Path, tests: Sequence[str], engines: Sequence[Engine], 
     faces, stored = box_faces(read_mesh(surface).triangles), []
     for grasp in read_grasps(grasps.view(object_id)):
         sites = zip(grasp.sensor_pose, sensors, grasp.touched, strict=True)
-        contacts = [measure_contact(faces, pose, sensor) if touches else None for pose, sensor, touches in sites]
+        contacts = [
+            contact_from_depth(ray_depth(faces, pose, sensor), pose, sensor) if touches else None for pose, sensor, touches in sites
+        ]
         stored.append(replace(grasp, contacts=contacts))  # with the depths of the contacts, which are not stored
     results: HoldResults = {}
     for name in tests:

@@ -107,7 +107,7 @@ class MujocoHoldTest(HoldTest):
         for name, angle in zip(hand.joint_names, start, strict=True):
             data.joint(name).qpos = angle
         for follower in hand.followers:
-            data.joint(hand.joints[follower.link - 1].name).qpos = follower.multiplier * start[follower.entry] + follower.offset
+            data.joint(hand.joints[follower.link - 1].name).qpos = follower.of(start)
         for number, contact in enumerate(grasp.contacts):
             self._press(number, contact, out=closes)
         self.mujoco.mj_forward(model, data)

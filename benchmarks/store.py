@@ -116,7 +116,7 @@ def _read(_write: object, opened: Any, folder: Path, names: Sequence[str], index
 
 def _write_zarr(folder: Path, arrays: Arrays) -> None:
     store = LocalStore(folder / "touch.zarr")
-    zarr.create_group(store)
+    zarr.create_group(store, overwrite=True)
     for name, array in arrays.items():
         stored: Any = array_spec(TOUCH.arrays[name], array.shape).to_zarr(store, path=name)
         stored[...] = array

@@ -1,1 +1,1 @@
-"""What every stage writes: one module an artifact, declarations only."""
+"""What the stages write: the arrays of every artifact, of evaluations and of folders, as declarations."""

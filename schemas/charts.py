@@ -1,13 +1,22 @@
 """Schema of `charts`, from `fit-charts`: a touch chart for every sensor of every grasp."""
 
+from enum import IntEnum
+
 from schemas.base import Array, Artifact, coordinates
 
-STOP_RULES = ("no_touch", "threshold", "cap", "too_few_points", "collapsed")
-"""Reasons why the fitting of a chart ended; `stop_rule` holds indices into this. A sensor that touched has too few points where the
-U-Net sees none; a chart has collapsed when no face has an area any more."""
 
-FITTED = (1, 2)
-"""The codes of charts that were fitted to a touch."""
+class StopRule(IntEnum):
+    """Why the fit of a chart ended."""
+
+    no_touch = 0
+    threshold = 1
+    cap = 2
+    too_few_points = 3  # the U-Net sees none where the sensor touched
+    collapsed = 4  # no face has an area any more
+
+
+FITTED = (StopRule.threshold, StopRule.cap)
+"""Rules of charts that were fitted to a touch."""
 
 CHARTS = Artifact(
     name="charts",
@@ -34,7 +43,7 @@ CHARTS = Artifact(
             "object grasp sensor",
             "uint8",
             "1",
-            f"Why fitting stopped: {', '.join(f'{code} {name}' for code, name in enumerate(STOP_RULES))}.",
+            f"Why fitting stopped: {', '.join(f'{rule:d} {rule.name}' for rule in StopRule)}.",
         ),
         "chart_faces": Array("face corner", "int32", "1", "Triangles of every chart, as indices of its vertices."),
     },

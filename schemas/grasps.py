@@ -6,7 +6,7 @@ GRASPS = Artifact(
     name="grasps",
     stage="simulate-grasps",
     order=1,
-    version=4,
+    version=5,
     summary="The best grasps of every object: poses of hand and sensors as simulated, and which sensors touch.",
     arrays={
         **coordinates("grasp", "sensor", "joint"),
@@ -21,14 +21,12 @@ GRASPS = Artifact(
             "float64",
             "rad",
             "Joint angles from which the fingers closed, every sensor drawn back along its normal where there is room.",
-            optional=True,
         ),
         "squeeze_angles": Array(
             "object grasp joint",
             "float64",
             "rad",
             "Joint angles at which every sensor would be `squeeze` m further along its normal: what a robot drives to in order to hold.",
-            optional=True,
         ),
         "sensor_pose": Array(
             "object grasp sensor pose_row pose_column",
@@ -43,36 +41,30 @@ GRASPS = Artifact(
             "1",
             "M: whether the sensor touches, 0 < min D < w - 0.1 mm; w is the height of a curved gel at the pixel.",
         ),
-        "contact_point": Array(
-            "object grasp sensor xyz", "float64", "m", "Middle of the contact, in the world; 0 without a touch.", optional=True
-        ),
+        "contact_point": Array("object grasp sensor xyz", "float64", "m", "Middle of the contact, in the world; 0 without a touch."),
         "contact_normal": Array(
             "object grasp sensor xyz",
             "float64",
             "1",
             "Unit normal of the object's surface there, into the object, in the world; 0 without a touch.",
-            optional=True,
         ),
         "contact_area": Array(
             "object grasp sensor",
             "float32",
             "m2",
             "Area of the sensor plane over which the surface is deeper than 0.1 mm in the undeformed gel; 0 without a touch.",
-            optional=True,  # missing in datasets from before grasps were judged by more than touches
         ),
         "opposition": Array(
             "object grasp",
             "float32",
             "degree",
             "The greatest angle between the normals of two contacts: 180 where two sensors press against each other, 0 for fewer than two.",
-            optional=True,
         ),
         "closure": Array(
             "object grasp",
             "float32",
             "1",
             "Margin of force closure, to 0.001: 0 where the contacts cannot hold the object by friction, 1 where all of them press alike.",
-            optional=True,
         ),
         "held": Array(
             "object grasp",

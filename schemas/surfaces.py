@@ -6,7 +6,7 @@ SURFACES = Artifact(
     name="surfaces",
     stage="sample-surfaces",
     order=0,
-    version=4,
+    version=5,
     summary="The exterior surface of every object as points, and its normalised mesh with its look.",
     arrays={
         "points": Array("object point xyz", "float32", "m", "S^obj: points drawn area-uniformly from the exterior surface, world frame."),
@@ -16,22 +16,18 @@ SURFACES = Artifact(
             "float64",
             "m / unit of the file; m",
             "object_to_world: how points of the source file, homogeneous, come into the world: turned upright, scaled, moved.",
-            optional=True,  # missing in datasets from before single images were reconstructed
         ),
         "source_file": Array(
-            "object", "string", "1", "The file that the object was read from, from its folder of meshes, or the toy object.", optional=True
+            "object", "string", "1", "The file that the object was read from, from its folder of meshes, or the toy object."
         ),
-        "source_sha256": Array("object", "string", "1", "SHA-256 of that file; empty for a toy object.", optional=True),
-        "licence": Array("object", "string", "1", "Licence of the mesh, as the manifest states it.", optional=True),
-        "unread": Array(
-            "object", "string", "1", "What the file holds or names and the mesh lacks, with reasons, one per line.", optional=True
-        ),
+        "source_sha256": Array("object", "string", "1", "SHA-256 of that file; empty for a toy object."),
+        "licence": Array("object", "string", "1", "Licence of the mesh, as the manifest states it."),
+        "unread": Array("object", "string", "1", "What the file holds or names and the mesh lacks, with reasons, one per line."),
         "metres_per_unit": Array(
             "object",
             "float64",
             "m",
             "Unit of the file where real sizes are kept; 0 where the object was scaled to one size.",
-            optional=True,
         ),
         "watertight": Array("object", "bool", "1", "Every edge of the mesh has two faces."),
         "degenerate_faces": Array("object", "int32", "1", "Faces without area that the gate removed."),

@@ -9,15 +9,15 @@ import numpy as np
 from pydantic import field_validator
 
 from pipeline.config.settings import ObjectSettings, setting
-from pipeline.dataset.object_rows import ObjectRows, is_surface, touch_sensor
+from pipeline.dataset.object_rows import ObjectRows, is_surface, sensor_of
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Trade, Unit
-from pipeline.kernels.charts.touch_chart import SIDE, FitOptions, StopRule, chart_square
+from pipeline.kernels.charts.touch_chart import SIDE, FitOptions, chart_square
 from pipeline.kernels.touch.depth_maps import in_gel
 from pipeline.kernels.touch.sensor import check_pose, masked_points, sensor_to_world
 from pipeline.rng import torch_generator
 from pipeline.store.rows import Row
 from schemas.base import Artifact
-from schemas.charts import CHARTS
+from schemas.charts import CHARTS, StopRule
 from schemas.grasps import GRASPS
 from schemas.touch import TOUCH
 
@@ -113,13 +113,13 @@ class FitCharts(ObjectStage):
     def session(self, settings: ChartSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         """Load the network that the settings use; compute on one thread per worker, for results that do not depend on their number."""
         from pipeline.kernels.charts.chart_fitting import fit_charts
+        from pipeline.models.device import torch_threads
         from pipeline.models.touch_model import load_touch_model
-        from pipeline.training.device import torch_threads
 
         model = load_touch_model(models[NETWORKS[settings.cloud]], "cpu") if settings.cloud in NETWORKS else None
 
         def process(unit: Unit, inputs: Inputs) -> Row:
-            touch, sensor = inputs["touch"], touch_sensor(inputs["touch"].attributes)
+            touch, sensor = inputs["touch"], sensor_of(inputs["touch"].shard)
             poses, touched = inputs["grasps"]["sensor_pose"], inputs["grasps"]["touch_success"]
             if model is None:
                 clouds = [masked_points(depth, in_gel(depth, sensor), sensor) for depth in touch["depth"][touched].astype(np.float64)]

@@ -52,8 +52,6 @@ class ReadRenderings(ObjectStage):
         surface = inputs["surfaces"]
         if "renderings" not in unit.source:
             raise InvalidInput("its manifest names no renderings; use the manifest single-image, or give a shapenet source `renderings`")
-        if "placement" not in surface:
-            raise InvalidInput("its surface was made before placements were stored; run sample-surfaces again")
         images, viewpoints = read_renderings(Path(unit.source["renderings"]))
         opacity = images[..., 3:] / 255  # (viewpoint, row, col, 1)
         if not (shows := (opacity >= 0.5).any(axis=(1, 2, 3))).all():

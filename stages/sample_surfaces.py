@@ -6,16 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.config.manifest import Object
 from pipeline.config.settings import ObjectSettings, setting
-from pipeline.config.sources import identity, modelled
+from pipeline.config.sources import Object, identity, modelled
 from pipeline.console import abbreviate, pluralise
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.dataset.object_rows import paired_rows
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Trade, Unit
 from pipeline.formats.file_content import is_pointer_file
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.mesh_cleaning import CleaningReport, clean_mesh, normalise_mesh
+from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, CleaningReport, clean_mesh, normalise_mesh
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
 from schemas.surfaces import SURFACES
@@ -26,7 +25,7 @@ class SurfaceSettings(ObjectSettings):
 
     points: int = setting(10_000, "the supplement's S^obj (1.1)", ge=10)
     diagonal: float = setting(
-        0.5, "bounding-box diagonal that objects are scaled to, m: the authors' 1 × 0.5", ge=1e-3, le=100, changes="definition"
+        DIAGONAL, "bounding-box diagonal that objects are scaled to, m: the authors' 1 × 0.5", ge=1e-3, le=100, changes="definition"
     )
     directions: int = setting(
         256,
@@ -62,8 +61,6 @@ class SampleSurfaces(ObjectStage):
 
     def describe_shard(self, settings: SurfaceSettings, shard: Shard) -> Iterator[str]:
         """Name the objects that lack something of their files, such as a texture."""
-        if not shard.has("unread"):  # all objects failed
-            return
         unread = shard.read("unread")
         yield from unread_remarks({name: str(unread[row]).split("\n") for name, row in shard.position.items() if unread[row]})
 

@@ -14,7 +14,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor, sensor_files
 from pipeline.kernels.touch.depth_maps import normal_force, press_gel, quantise_depth, scaled_gel
 from pipeline.kernels.touch.elastic_contact import check_layer
-from pipeline.kernels.touch.press_shapes import SHAPES, Press, PressRanges, random_patch, random_press
+from pipeline.kernels.touch.press_shapes import SHAPES, Press, PressRanges, known_shape, random_patch, random_press
 from pipeline.kernels.touch.ray_depth import box_faces
 from pipeline.kernels.touch.sensor import MAX_PIXELS_PER_SIDE, Sensor, resample_longer_side
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
@@ -31,12 +31,6 @@ def _rising(limits: tuple[float, float]) -> tuple[float, float]:
     if limits[0] > limits[1]:
         raise ValueError(f"it is {list(limits)}; the least comes first, then the greatest")
     return limits
-
-
-def _known(name: str) -> str:
-    if name not in SHAPES:
-        raise ValueError(f"there is no shape {name!r}; there are {', '.join(SHAPES)}")
-    return name
 
 
 Positive = Annotated[float, Field(gt=0, le=10)]
@@ -63,7 +57,7 @@ class PressSettings(ObjectSettings):
     patches: float = setting(
         0.2, "share of the presses that are patches of the object itself; the others are `shapes`", ge=0, le=1, changes="definition"
     )
-    shapes: tuple[Annotated[str, AfterValidator(_known)], ...] = setting(
+    shapes: tuple[Annotated[str, AfterValidator(known_shape)], ...] = setting(
         tuple(SHAPES), "all shapes: a network memorises a single one", min_length=1, changes="definition"
     )
     size: Range = setting(DEFAULT.size, "least and greatest radius of a shape, m: what fits on a gel of 2 cm", changes="definition")

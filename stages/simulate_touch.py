@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.config.settings import ObjectSettings, described_by, setting
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.dataset.object_rows import paired_rows, touch_sensors
+from pipeline.dataset.object_rows import paired_rows, sensors_of
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Trade, Unit
 from pipeline.errors import InvalidInput
@@ -150,7 +150,7 @@ def _touch(
 
 def depth_errors(data: Path, reference: Path) -> dict[str, float]:
     """Compute the 99.9th percentile of the depth errors in the gel, um by object."""
-    top = max(sensor.w for sensor in touch_sensors(DataDirectory(reference).collection(TOUCH).first.attributes))
+    top = max(sensor.w for sensor in sensors_of(DataDirectory(reference).collection(TOUCH).first))
     errors_by_object = {}
     for name, (depth,), (truth,) in paired_rows(data, reference, "depth"):
         in_gel = truth < top

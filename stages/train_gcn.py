@@ -123,7 +123,7 @@ class GcnLearner(ReconstructionLearner):
         import torch
 
         from pipeline.kernels.metrics.chamfer import sample_surface, squared_distances
-        from pipeline.models.reconstructors import assemble_surfaces
+        from pipeline.models.reconstruction import assemble_surfaces
 
         distances, count = [], self.settings.loss_points
         surfaces = assemble_surfaces(self.network, deformed, inputs)

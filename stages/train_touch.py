@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config.settings import setting
-from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows, touch_sensor
+from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows, sensor_of
 from pipeline.engine.stage import Cost, DatasetJob
 from pipeline.kernels.touch.sensor import MM, Sensor
 from pipeline.rng import seeded_weights
@@ -104,7 +104,7 @@ def stored_presses(data: Location, split: str, *, cache_megabytes: float = CACHE
     rows = ObjectRows(data, ARRAYS, split, cache_megabytes=cache_megabytes)
     names = [f"{object_id} press {press}" for object_id in rows.object_ids for press in range(rows.size("press_image", "press"))]
     untouched = rows.read("press_untouched", rows.object_ids[0])
-    return Presses(touch_sensor(rows.attributes("presses")), untouched, names, partial(_read_press, rows))
+    return Presses(sensor_of(rows.collections["presses"].first), untouched, names, partial(_read_press, rows))
 
 
 def _read_press(rows: ObjectRows, item: int) -> SimulatedPress:

@@ -27,8 +27,7 @@ RUN = ["run", "sample-surfaces"]
 
 
 def test_stages_lists_every_setting_with_its_reason():
-    code, output = invoke("stages")
-    assert code == 0
+    output = vt("stages")
     for name in STAGES:
         assert name in output
         for setting, info in load_stage(name).settings_type.model_fields.items():
@@ -37,7 +36,7 @@ def test_stages_lists_every_setting_with_its_reason():
 
 
 def test_stages_shows_folders_that_are_read_and_defaults_as_set_takes_them():
-    output = invoke("stages")[1]
+    output = vt("stages")
     assert "reads touch, grasps, models/unet; writes charts" in output
     reads = load_stage("evaluate").reads(load_stage("evaluate").settings_type())
     assert [name for name in reads if name.startswith("models/")]
@@ -53,7 +52,7 @@ def test_up_to_date_run_imports_neither_executor_nor_torch(tmp_path):
     manifest = {"name": "one", "description": "d", "seed": 0, "splits": splits, "sources": [source]}
     (tmp_path / "one.yaml").write_text(yaml.safe_dump(manifest))
     command = [*RUN, "--manifest", str(tmp_path / "one.yaml"), "--data", str(tmp_path / "data")]
-    assert invoke(*command, "--executor", "serial")[0] == 0
+    vt(*command, "--executor", "serial")
     slow = "assert not {'distributed', 'matplotlib', 'scipy.stats', 'torch'} & sys.modules.keys()"
     program = f"import sys; from pipeline.cli import app; app(sys.argv[1:], standalone_mode=False); {slow}"
     completed = subprocess.run([sys.executable, "-c", program, *command], capture_output=True, text=True, check=False)
@@ -104,10 +103,7 @@ def test_up_to_date_run_imports_neither_executor_nor_torch(tmp_path):
         (["advise", "--within", "1h", "--data", "~/a b"], f"run `vt-pipeline tradeoff sample-surfaces --data '{Path.home()}/a b' --preset"),
         (["check", "gelsight", "--configuration", "nonsense"], "nonsense"),
         (["check", "gelsight", "--configuration", "implicit-any"], "only an observation is checked against models"),
-        (
-            ["sweep", "train-gcn", "--grid", "epochs=1", "--grid", "epochs=2"],
-            "--grid epochs=2: name each setting once",
-        ),
+        (["sweep", "train-gcn", "--grid", "epochs=1", "--grid", "epochs=2"], "--grid epochs=2: name each setting once"),
         (["sweep", "train-gcn", "--grid", "gcn_features=16,32,16", "--dry-run"], "16 is named twice; name each value once"),
         (["sweep", "train-gcn", "--grid", "train-gcn.epochs=1,2"], "and without its stage: SETTING=VALUE,VALUE"),
         (["tradeoff", "train-unet", "--until", "evaluate"], "--until evaluate measures whole pipelines; leave train-unet out"),
@@ -127,9 +123,7 @@ def test_up_to_date_run_imports_neither_executor_nor_torch(tmp_path):
     ],
 )
 def test_error_names_the_value_and_the_remedy(arguments, message):
-    code, output = invoke(*arguments)
-    assert code == 1
-    assert message in output
+    assert message in vt(*arguments, fails=True)
 
 
 @pytest.mark.parametrize(
@@ -153,31 +147,26 @@ def test_exceptions_of_commands_give_clear_errors(monkeypatch, raised, message):
 
 def test_model_folder_is_not_a_data_directory(tmp_path):
     (tmp_path / "model.json").write_text("{}")
-    code, output = invoke("status", str(tmp_path))
-    assert (code, "nothing has been made" in output) == (0, True)
-    code, output = invoke("validate", str(tmp_path))
-    assert (code, "holds no records" in output) == (1, True)
+    assert "nothing has been made" in vt("status", str(tmp_path))
+    assert "holds no records" in vt("validate", str(tmp_path), fails=True)
 
 
 def test_dry_run_prints_the_forecast_and_writes_nothing(tmp_path):
-    code, output = invoke(*RUN, "--data", str(tmp_path / "data"), "--dry-run")
-    assert code == 0
-    assert "would make 25 of 25 objects, about" in output
-    assert "would be made from 20 objects, about" in invoke("run", "train-unet", "--data", str(tmp_path / "data"), "--dry-run")[1]
+    assert "would make 25 of 25 objects, about" in vt(*RUN, "--data", str(tmp_path / "data"), "--dry-run")
+    assert "would be made from 20 objects, about" in vt("run", "train-unet", "--data", str(tmp_path / "data"), "--dry-run")
     assert not (tmp_path / "data").exists()
 
 
 def test_low_disk_space_is_warned_of(tmp_path, monkeypatch):
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=1000))
-    output = invoke(*RUN, "--data", str(tmp_path), "--object", "duck", "--set", "points=100", "--executor", "serial")[1]
+    output = vt(*RUN, "--data", str(tmp_path), "--object", "duck", "--set", "points=100", "--executor", "serial")
     assert "warning: sample-surfaces writes about 0 MB, and 0 MB are free" in output
     assert "made 1 object" in output
 
 
 def test_sweep_with_an_invalid_point_runs_none(tmp_path):
-    code, output = invoke("sweep", "train-gcn", "--grid", "gcn_layers=3,1001", "--dry-run", "--data", str(tmp_path))
-    assert code == 1
+    output = vt("sweep", "train-gcn", "--grid", "gcn_layers=3,1001", "--dry-run", "--data", str(tmp_path), fails=True)
     assert "gcn_layers" in output
     assert "sweeps/" not in output
 
@@ -198,31 +187,29 @@ def test_objects_that_left_the_manifest_or_their_split_are_named(tmp_path):
     for count, splits in ((2, {"train": 2, "valid": 0, "test": 0}), (1, {"train": 0, "valid": 0, "test": 1})):
         sources[0]["count"] = {"bottle": count}
         file.write_text(yaml.safe_dump(described | {"splits": splits}))
-        forecast = invoke("run", "sample-surfaces", *options, "--dry-run")[1]
+        forecast = vt("run", "sample-surfaces", *options, "--dry-run")
         printed = vt("run", "sample-surfaces", *options)
     assert "would publish 1 finished row, about" in forecast
     assert "1 object no longer in the manifest (bottle-0001), whose rows are dropped; 1 object in another split" in printed
 
 
 def test_run_of_one_object_leaves_the_others_missing(tmp_path):
-    assert invoke(*RUN, "--data", str(tmp_path), "--object", "duck", "--set", "points=100")[0] == 0
-    assert "would make 24 of 25" in invoke(*RUN, "--data", str(tmp_path), "--dry-run", "--set", "points=100")[1]
-    status = json.loads(invoke("status", str(tmp_path), "--json")[1])["surfaces"]
+    vt(*RUN, "--data", str(tmp_path), "--object", "duck", "--set", "points=100")
+    assert "would make 24 of 25" in vt(*RUN, "--data", str(tmp_path), "--dry-run", "--set", "points=100")
+    status = json.loads(vt("status", str(tmp_path), "--json"))["surfaces"]
     assert (status["objects"], len(status["missing"])) == (1, 24)
-    assert "incomplete surfaces: 24 objects not made yet" in invoke("status", str(tmp_path))[1]
+    assert "incomplete surfaces: 24 objects not made yet" in vt("status", str(tmp_path))
 
 
 def test_report_of_a_missing_folder_names_it(tmp_path):
-    code, output = invoke("report", str(tmp_path / "nowhere"))
-    assert code == 1
+    output = vt("report", str(tmp_path / "nowhere"), fails=True)
     assert output.startswith(f"error: folder {tmp_path}/nowhere does not exist"), output
 
 
 def test_recipe_of_an_incomplete_dataset_names_the_missing_shard(tmp_path):
     command = ["--data", str(tmp_path), "--object", "knife-0000", "--shards", "2", "--set", "points=100", "--executor", "serial"]
-    assert invoke(*RUN, *command)[0] == 0
-    code, output = invoke("recipe", str(tmp_path))
-    assert code == 1
+    vt(*RUN, *command)
+    output = vt("recipe", str(tmp_path), fails=True)
     assert "0000-of-0002 has not been made; run sample-surfaces for all shards, then write the recipe" in output
 
 
@@ -232,9 +219,8 @@ def test_one_object_with_other_settings_is_not_published_and_names_the_remedy(tm
     for name in ("a", "b"):
         trimesh.creation.box().export(folder / f"{name}.ply")
     command = [*RUN, "--manifest", "directory", "--objects", str(folder), "--data", str(tmp_path / "d"), "--executor", "serial", "--set"]
-    assert invoke(*command, "points=100")[0] == 0
-    code, output = invoke(*command, "points=90", "--object", "a")
-    assert code == 0
+    vt(*command, "points=100")
+    output = vt(*command, "points=90", "--object", "a")
     assert "not published, because other rows are damaged, have left the manifest, or were made with other settings" in output
     assert "to look at a alone, run each stage from the first with another --data" in output
 
@@ -258,32 +244,29 @@ def test_failures_with_one_reason_are_reported_together(tmp_path):
     for name in "abcdefg":
         (folder / f"{name}.off").write_text("OFF\n0 0 0\n")
     command = [*RUN, "--manifest", "directory", "--objects", str(folder), "--data", str(tmp_path / "d"), "--set", "points=100"]
-    code, output = invoke(*command, "--executor", "serial")
-    assert code == 0
+    output = vt(*command, "--executor", "serial")
     assert re.search(r"made 1 object in \d+\.\d s, 7 failed", output)
     assert "failed a, b, c, d, e, … (7 objects): ….off" in output
-    alone = invoke(*command, "--object", "a", "--retry", "--executor", "serial")[1]
+    alone = vt(*command, "--object", "a", "--retry", "--executor", "serial")
     assert re.search(r"made 0 objects in .* s, 1 failed failed a: a\.off", alone)
     later = ["run", "sample-distances", *command[2:-1], "queries=10", "--executor", "serial"]
-    assert re.search(r"made 1 object in .* s; 7 objects failed in an earlier stage", invoke(*later)[1])
+    assert re.search(r"made 1 object in .* s; 7 objects failed in an earlier stage", vt(*later))
     for again, failed in ((later, "; 7 objects failed in an earlier stage"), ([*command, "--executor", "serial"], ", 7 failed")):
         for option in ([], ["--dry-run"]):
-            assert f"up to date, 8 objects{failed}" in invoke(*again, *option)[1]
+            assert f"up to date, 8 objects{failed}" in vt(*again, *option)
 
 
 def test_unreadable_file_is_counted_as_a_failure_of_the_first_stage(tmp_path):
     trimesh.creation.box().export(tmp_path / "box.stl")
     (tmp_path / "empty.obj").write_text("")
     command = [*RUN, "--manifest", "directory", "--objects", str(tmp_path), "--data", str(tmp_path / "d"), "--set", "points=100"]
-    _, output = invoke(*command, "--executor", "serial")
-    assert ", 1 failed failed empty: " in output
+    assert ", 1 failed failed empty: " in vt(*command, "--executor", "serial")
 
 
 def test_dry_run_checks_the_hand_file_before_inputs_exist(tmp_path):
     hand = tmp_path / "hand.yaml"
     hand.write_text("name: x\nurdf: x.urdf\nfingres: []\n")
-    code, output = invoke("run", "simulate-grasps", "--data", str(tmp_path / "d"), "--dry-run", "--set", f"hand={hand}")
-    assert code == 1
+    output = vt("run", "simulate-grasps", "--data", str(tmp_path / "d"), "--dry-run", "--set", f"hand={hand}", fails=True)
     assert "there is no entry fingres, did you mean fingers?" in output
 
 
@@ -295,12 +278,11 @@ def test_scheduler_without_authentication_is_warned_of(capsys, address, warns):
 
 
 def test_help_groups_commands_and_options_under_short_first_lines() -> None:
-    code, output = invoke("--help")
-    assert code == 0
+    output = vt("--help")
     for panel in ("Make", "Learn", "Describe", "Look and export", "Maintain"):
         assert f"─ {panel} ─" in output
     assert "--install-completion" in output
-    options = invoke("run", "--help")[1]
+    options = vt("run", "--help")
     for panel in ("Objects and data", "Settings", "How to run"):
         assert f"─ {panel} ─" in options
     commands = typer.main.get_command(app)
@@ -321,10 +303,7 @@ def test_version_equals_the_package_version() -> None:
         ("run sample-surfaces --manifest no-such --object duc", []),
         ("run sample-surfaces --manifest fo", ["four-classes"]),
         ("run sample-surfaces --set simulate-", ["simulate-grasps.", "simulate-touch.", "simulate-presses."]),
-        (
-            "run sample-surfaces --set sample-s",
-            [f"sample-surfaces.{name}=" for name in SurfaceSettings.model_fields],
-        ),
+        ("run sample-surfaces --set sample-s", [f"sample-surfaces.{name}=" for name in SurfaceSettings.model_fields]),
         ("run sample-surfaces --set simulate-grasps.attem", ["simulate-grasps.attempts=50"]),
         ("run sample-surfaces --set simulate-grasps.sensor", [f"simulate-grasps.sensor={name}" for name in shipped_files("sensor")]),
         ("run sample-surfaces --set simulate-touch.tracer", ["simulate-touch.tracer=ray", "simulate-touch.tracer=sphere"]),

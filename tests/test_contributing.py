@@ -41,19 +41,15 @@ import sys
 from pathlib import Path
 from pipeline.cli import app
 from pipeline.console import console, show_tables
-from pipeline.engine.plan import Request
-from pipeline.engine.make import plans
 from pipeline.contrib.report.results import Results
 from pipeline.store.directory import DataDirectory
-from stages.registry import load_stage, resolve
 from tests.stages import ball_dataset as balls
 
 data, splits = Path(sys.argv[1]), ("train", "valid", "test")
 balls.make_data(data, 6, splits)
 asked = ["train-ball.epochs=150", "evaluate.configurations=[ball-touch]", "evaluate.points=300", "evaluate.grasps=[1,2]"]
 for name in ("train-ball", "evaluate"):
-    (plan,) = plans(Request(load_stage(name), resolve(name, "draft", asked), "balls", balls.objects(6, splits), "draft", 0, data))
-    plan.make(console)
+    balls.run_stage(data, name, balls.objects(6, splits), *asked)
 show_tables(Results(DataDirectory(data), ["evaluation"]).tables)
 app(["predict", str(data / "f.ply"), "--data", str(data), "--configuration", "ball-touch", "--object", "f"])
 """

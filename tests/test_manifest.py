@@ -168,11 +168,7 @@ DUCK = {"kind": "pybullet", "licence": "x", "files": {"duck": {"file": "duck.obj
     ("sources", "options", "message"),
     [
         ([HERE], {"splits": {"train": 1298, "valid": 258, "test": 175}}, r"1298 \+ 258 \+ 175 = 1731 objects, the sources list 1"),
-        (
-            [HERE | {"split": "test"}],
-            {"splits": {"train": 1, "valid": 1, "test": 0}},
-            "2 objects, the sources list 0 without the 1",
-        ),
+        ([HERE | {"split": "test"}], {"splits": {"train": 1, "valid": 1, "test": 0}}, "2 objects, the sources list 0 without the 1"),
         ([HERE, {"kind": "pybullet", "licence": "x"}], {}, "manifest m: a pybullet source names no objects; give it some"),
         ([DRAWN | {"count": {"bottle": 2**31}}], {}, "a source has more than 200000 objects"),
         ([folder("directory", "~nosuchuser/meshes")], {}, "~nosuchuser/meshes is no folder"),

@@ -142,11 +142,7 @@ def test_sensor_is_accepted_by_name_and_printed_in_one_line() -> None:
         (vt.InvalidInput, lambda: vt.load_object((MESH.vertices[:, :2], MESH.faces)), r"they must be \(V, 3\) and \(F, 3\)"),
         (vt.InvalidInput, lambda: vt.load_object((MESH.vertices, MESH.faces), scale=0), "scale is 0; it must be above 0"),
         (vt.InvalidInput, lambda: vt.touch(BALL, SENSOR, 2 * np.eye(4)), "not a rigid motion"),
-        (
-            vt.InvalidInput,
-            lambda: vt.touch(BALL, SENSOR, np.eye(4), object_pose=np.diag([1, 1, -1, 1])),
-            "^object_pose is not a rigid motion",
-        ),
+        (vt.InvalidInput, lambda: vt.touch(BALL, SENSOR, np.eye(4), object_pose=np.diag([1, 1, -1, 1])), "^object_pose is not a rigid"),
         (vt.InvalidInput, lambda: vt.touch_many(BALL, SENSOR, [np.eye(4), 2 * np.eye(4)]), r"^poses\[1\] is not a rigid motion"),
         (vt.InvalidInput, lambda: vt.load_sensor("gelsight", shape=(240,)), r"image is \(rows, cols\); this is \(240,\)"),
         (vt.InvalidInput, lambda: vt.grasp(BALL, hand="alegro_right"), "there is no hand 'alegro_right', did you mean allegro_right?"),

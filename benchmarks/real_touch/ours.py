@@ -16,4 +16,4 @@ def calibrated_sensor(photographs: PhotographSet) -> Sensor:
     fit = fit_colours(sensor, photographs.balls, photographs.untouched, 1e-3 * photographs.ball_radius, FIT_FOR_DEPTH)
     optics = fit.calibration.model_copy(update={"background": photographs.untouched_path.name})
     print(f"{photographs.name}: degree {fit.position_degree} in the position, gel {fit.sensor.gel}", flush=True)
-    return fit.sensor.model_copy(update={"calibrated": optics, "photograph": photographs.untouched_path.read_bytes()})
+    return fit.sensor.model_copy(update={"calibrated": optics, "photograph": photographs.untouched.tobytes()})

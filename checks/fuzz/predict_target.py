@@ -18,8 +18,7 @@ from pipeline.kernels.networks.network_configurations import NetworkConfig
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models.model_files import save_model
-from pipeline.models.reconstruction import Trained
-from pipeline.models.reconstructors import DeformationReconstructor
+from pipeline.models.reconstruction import DeformationReconstructor, Trained
 from pipeline.models.touch_model import load_touch_model, save_touch_model
 from pipeline.reconstruct.observation_checks import check
 from pipeline.reconstruct.predict import PredictOptions, predict

@@ -24,7 +24,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.layout import numpy_dtype
 from pipeline.store.publish import commit_folder, commit_shard
 from pipeline.store.record import Failure, FolderRecord, RowRecord, ShardRecord
-from pipeline.store.rows import Result, Row, RowFiles, row_digest
+from pipeline.store.rows import Result, Row, row_digest
 from pipeline.store.validate import problems_below
 from pipeline.tables import status
 from pipeline.tables.touch_tables import read_touches, touch_tables
@@ -105,7 +105,7 @@ def _make(data: Path) -> None:
         )
         sensor = load_sensor("gel_16mm").model_copy(update={"rows": SIZE, "cols": SIZE}).model_dump(mode="json")
         attributes = {"sensors": [sensor] * SIZE}
-        files = RowFiles(directory.work(artifact.name), artifact)
+        files = directory.rows(artifact)
         results = [files.save(Result(name=name, key="0" * 64, failure=failures[name]), row) for name, row in values_of_objects.items()]
         record_path = directory.shard_record(artifact.name, 0, 1)
         commit_shard(directory, artifact, record_path, record, results, constants, attributes)

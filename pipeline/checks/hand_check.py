@@ -169,11 +169,11 @@ def _notes(hand: Hand) -> Iterator[str]:
     yield from (f"warning: {sentence}" for sentence in ignored_limits(hand))
     for follower in hand.followers:  # many URDFs state their limits carelessly
         joint = hand.joints[follower.link - 1]
-        ends = [follower.multiplier * float(limit[follower.entry]) + follower.offset for limit in (hand.lower, hand.upper)]
+        lower, upper = hand.follower_range(follower)
         slack = ROUNDED * (joint.upper - joint.lower)
-        if joint.kind != "continuous" and slack > 0 and (min(ends) < joint.lower - slack or max(ends) > joint.upper + slack):
+        if joint.kind != "continuous" and slack > 0 and (lower < joint.lower - slack or upper > joint.upper + slack):
             yield (
-                f"warning: joint {joint.name} follows {hand.joint_names[follower.entry]} through {min(ends):.4g} … {max(ends):.4g}, beyond "
+                f"warning: joint {joint.name} follows {hand.joint_names[follower.entry]} through {lower:.4g} … {upper:.4g}, beyond "
                 f"its own limits {joint.lower:.4g} … {joint.upper:.4g}, which do not count: narrow those of the joint that it follows"
             )
     if hand.allowed_contacts:

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from pipeline.config.manifest import SPLITS, Object, load_manifest
-from pipeline.config.sources import identity
+from pipeline.config.manifest import SPLITS, load_manifest
+from pipeline.config.sources import Object, identity
 from pipeline.console import Columns, abbreviate, pluralise, table_lines, tabulate, with_progress
 from pipeline.drawing.picture_sheet import spread_evenly
 from pipeline.drawing.plots import save_figure

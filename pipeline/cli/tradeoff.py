@@ -162,8 +162,8 @@ def sweep(
     """
     request = make_request(stage, manifest, preset, data=data, objects=objects, assignments=assignments or (), seed=seed)
     loaded = request.stage
-    if not getattr(loaded, "trains", False):
-        trainings = [name for name in STAGES if getattr(load_stage(name), "trains", False)]
+    if not loaded.trains:
+        trainings = [name for name in STAGES if load_stage(name).trains]
         fail(f"{stage} trains nothing: sweep over settings of {', '.join(trainings)}")
     default_grid = loaded.grid(request.settings)
     if not (grid or default_grid):

@@ -13,8 +13,7 @@ from pydantic import AfterValidator, Field, PlainValidator, SerializeAsAny, mode
 
 from pipeline import plugins
 from pipeline.config.folder_sources import Catalogue, Directory, FolderSource, ShapeNet
-from pipeline.config.sources import MeshSource, ModelledSource, Pybullet, Source
-from pipeline.config.sources import Object as Object
+from pipeline.config.sources import MeshSource, ModelledSource, Object, Pybullet, Source
 from pipeline.console import CONTROLS
 from pipeline.entries import Entries
 from pipeline.errors import InvalidInput, unknown_name

@@ -52,7 +52,7 @@ def value_text(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False, default=str).replace('"', "")
 
 
-READERS = {"hand": ("hand_listing", "list_hand"), "sensor": ("sensor_file", "load_sensor"), "scene": ("scene_file", "load_scene")}
+LOADERS = {"hand": ("hand_listing", "list_hand"), "sensor": ("sensor_file", "load_sensor"), "scene": ("scene_file", "load_scene")}
 """The function that reads each kind of description file, after its module."""
 
 
@@ -63,7 +63,7 @@ def described_by(kind: Literal["hand", "sensor", "scene"]) -> AfterValidator:
     """
 
     def read(name: str) -> str:
-        module, function = READERS[kind]
+        module, function = LOADERS[kind]
         getattr(import_module(f"pipeline.formats.{module}"), function)(name)
         return name
 

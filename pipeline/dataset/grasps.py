@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.errors import InvalidInput, StoreError
+from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import expanded
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
@@ -33,8 +33,6 @@ def grasp_row(grasps: Sequence[Grasp]) -> Row:
 
 def read_grasps(row: Mapping[str, np.ndarray]) -> list[Grasp]:
     """Read an object's grasps from its row; how deep the gels were pressed in is not stored."""
-    if missing := [name for name in (*ATTRIBUTES, *CONTACT) if name not in row]:
-        raise StoreError(f"the grasps have no {', '.join(missing)}: an older version made them; run simulate-grasps again")
     contacts = [
         [Contact(point, normal, float(area)) if touches else None for touches, point, normal, area in zip(*of_grasp, strict=True)]
         for of_grasp in zip(row["touch_success"], *(row[name] for name in CONTACT), strict=True)

@@ -10,11 +10,12 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, TypeAdapter, ValidationError
 
-from pipeline.errors import InvalidInput, StoreError
+from pipeline.errors import StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.geometry.mesh_cleaning import bounding_diagonal
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.directory import DataDirectory
+from pipeline.store.shard import Shard
 from pipeline.store.storage import Location, as_location, on_disk
 from pipeline.store.validate import check_origins
 from schemas.base import INDEXED_DIMS, Artifact
@@ -80,19 +81,12 @@ class UsableObjects:
         return self.collections[artifact].first.attributes
 
     def sensors(self) -> tuple[Sensor, ...]:
-        """Read the sensor of each finger; raise a `StoreError` if `touch` describes none."""
-        try:
-            return touch_sensors(self.attributes("touch"))
-        except ValidationError as error:
-            shard = self.collections["touch"].first
-            raise StoreError(f"{shard.path}: its sensor cannot be used ({invalid_entries(error)}); {shard.remedy}") from error
+        """Read the sensor of each finger."""
+        return sensors_of(self.collections["touch"].first)
 
     def sensor(self) -> Sensor:
-        """Read the sensor of all tactile images; raise a `StoreError` if `touch` describes none, or the fingers wear different ones."""
-        try:
-            return common_sensor(self.sensors())
-        except InvalidInput as error:
-            raise StoreError(f"{self.data.resolve()}: {error}") from error
+        """Read the sensor of all tactile images."""
+        return sensor_of(self.collections["touch"].first)
 
 
 class ObjectRows(UsableObjects):
@@ -225,22 +219,20 @@ def paired_rows(first: Path, second: Path, *arrays: str) -> Iterator[tuple[str, 
             yield object_id, [ours.read(name, object_id) for name in arrays], [theirs.read(name, object_id) for name in arrays]
 
 
-def touch_sensors(attributes: Mapping[str, Any]) -> tuple[Sensor, ...]:
-    """Read the sensor of each finger from the attributes of a `touch` group's root; raise a `ValidationError` if one is not described."""
-    return _SENSORS.validate_python(attributes.get("sensors"))
+def sensors_of(shard: Shard) -> tuple[Sensor, ...]:
+    """Read the sensor of each finger from a shard of `touch`, or that of `presses`; raise a `StoreError` if one is not described."""
+    try:
+        return _SENSORS.validate_python(shard.attributes.get("sensors"))
+    except ValidationError as error:
+        raise StoreError(f"{shard.path}: its sensor cannot be used ({invalid_entries(error)}); {shard.remedy}") from error
 
 
-def touch_sensor(attributes: Mapping[str, Any]) -> Sensor:
-    """Read the sensor that all fingers wear; raise an `InvalidInput` if they wear different ones; other errors as `touch_sensors`."""
-    return common_sensor(touch_sensors(attributes))
-
-
-def common_sensor(sensors: Sequence[Sensor]) -> Sensor:
-    """Return the sensor that all fingers wear; raise an `InvalidInput` if they wear different ones."""
-    first, *others = sensors
+def sensor_of(shard: Shard) -> Sensor:
+    """Read the sensor that all fingers wear, as `sensors_of`; raise a `StoreError` if they wear different ones."""
+    first, *others = sensors_of(shard)
     if different := {sensor.name for sensor in others if sensor != first}:
-        raise InvalidInput(
-            f"the fingers wear different sensors ({', '.join(sorted(different | {first.name}))}); training on touches needs "
+        raise StoreError(
+            f"{shard.path}: the fingers wear different sensors ({', '.join(sorted(different | {first.name}))}); training on touches needs "
             "a hand that wears one: see `sensor` in its hand file"
         )
     return first

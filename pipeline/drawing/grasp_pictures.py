@@ -188,10 +188,9 @@ def grasp_note(row: Mapping[str, NDArray[Any]], grasp: int) -> str:
     """Describe a grasp, from an object's row of `grasps`: touches, penetration, contacts, force closure, hold test."""
     touched = row["touch_success"][grasp]
     note = f"{touched.sum()} of {len(touched)} sensors touch; rigid parts at most {1e3 * float(row['penetration'][grasp]):.2f} mm inside"
-    if "closure" in list(row):
-        angle, margin, area = (float(np.sum(row[name][grasp])) for name in ("opposition", "closure", "contact_area"))
-        closed = f"force-closed with margin {margin:.2f}" if margin > 0 else "not force-closed"
-        note += f"; {1e6 * area:.0f} mm² of contact, normals up to {angle:.0f}° apart; {closed}"
+    angle, margin, area = (float(np.sum(row[name][grasp])) for name in ("opposition", "closure", "contact_area"))
+    closed = f"force-closed with margin {margin:.2f}" if margin > 0 else "not force-closed"
+    note += f"; {1e6 * area:.0f} mm² of contact, normals up to {angle:.0f}° apart; {closed}"
     if "held" in list(row):
         note += f"; {'held' if row['held'][grasp] else 'dropped'} in the hold test"
     if "held_directions" in list(row):

@@ -5,7 +5,7 @@ import signal
 import time
 import traceback
 import uuid
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from pipeline.engine.stage import ObjectStage, Unit
 from pipeline.errors import InvalidInput, PipelineError, StageError, StoreError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Failure, processor, processor_kind
-from pipeline.store.rows import Result, Row, RowFiles, conform
+from pipeline.store.rows import Result, Row, conform
 from pipeline.store.storage import Location, is_machine_fault
 
 MORE_MEMORY = "with more memory, or the mesh made smaller, run again with --retry"
@@ -35,11 +35,10 @@ class Work:
 
     def save(self, result: Result, row: Row, unit: Unit) -> Result:
         """Keep a unit's row or failure until it is published."""
-        output = self.stage.output
-        return RowFiles(DataDirectory(self.data).work(output.name), output).save(result, row, unit.category)
+        return DataDirectory(self.data).rows(self.stage.output).save(result, row, unit.category)
 
 
-class Executor(AbstractContextManager["Executor"], ABC):
+class Executor(AbstractContextManager["Executor"]):
     """Processes units; its resources are released at the end of the context, without waiting for units in progress after an error."""
 
     @property
@@ -111,6 +110,8 @@ def session(work: Work) -> Iterator[Callable[[Unit], Result]]:
                 failure = Failure(stage=stage.name, reason=visible(str(error)))
             except MemoryError:
                 failure = Failure(stage=stage.name, reason=f"memory ran out; {MORE_MEMORY}")
+            except StoreError:  # an input is damaged
+                raise
             except Exception as error:  # a bug in this project: the other objects are processed anyway
                 if is_machine_fault(error):
                     raise

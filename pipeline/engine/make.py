@@ -5,9 +5,9 @@ from typing import Any
 
 from rich.console import Console
 
-from pipeline.engine.folder import FolderPlan
+from pipeline.engine.folder_plan import FolderPlan
 from pipeline.engine.plan import Made, Plan, Request
-from pipeline.engine.shard import ShardPlan
+from pipeline.engine.shard_plan import ShardPlan
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.store.directory import DataDirectory, shard_of
 

@@ -12,8 +12,8 @@ from typing import Any, Generic, Self, TypeVar
 from rich.console import Console
 from rich.markup import escape
 
-from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
+from pipeline.config.sources import Object
 from pipeline.console import errors
 from pipeline.engine import keys
 from pipeline.engine.executor import Executor, Serial

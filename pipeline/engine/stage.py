@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 import numpy as np
 from rich.console import Console
 
-from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
+from pipeline.config.sources import Object
 from pipeline.rng import numpy_rng
 from pipeline.store.record import Failure
 from pipeline.store.rows import Row
@@ -58,6 +58,7 @@ class Stage(ABC):
     summary: ClassVar[str]
     settings_type: ClassVar[type[Settings]]
     per_object: ClassVar[bool]  # whether it makes shards of rows; else it fills one folder
+    trains: ClassVar[bool] = False  # whether it is a training
 
     def inputs(self, settings: Any) -> tuple[Artifact, ...]:
         """Return the artifacts that are read; by default none."""
@@ -169,7 +170,6 @@ class DatasetStage(Stage):
     """A stage that reads the whole dataset and fills one folder: a trained model, an evaluation."""
 
     per_object = False
-    trains: ClassVar[bool] = False  # whether it is a training
 
     @abstractmethod
     def splits(self, settings: Any) -> tuple[str, ...]:

@@ -166,7 +166,7 @@ class _Worker:
 
 def _serve(connection: Connection) -> None:
     """Process what the parent sends until it closes the connection."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()
     with suppress(EOFError, ConnectionError):
         while True:
             reply: tuple[Any, Exception | None]
@@ -182,9 +182,13 @@ def _serve(connection: Connection) -> None:
     os._exit(0)  # an orderly exit of the interpreter takes half a second
 
 
-def _end_with_parent() -> None:
-    """End this process when its parent was killed, even in the middle of a unit."""
-    parent = multiprocessing.parent_process()
-    assert parent
-    parent.join()
-    os._exit(1)
+def end_with_parent() -> None:
+    """Start a thread that ends this process when its parent was killed, even in the middle of a unit."""
+
+    def wait_for_parent() -> None:
+        parent = multiprocessing.parent_process()
+        assert parent
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait_for_parent, daemon=True).start()

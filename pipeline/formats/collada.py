@@ -14,8 +14,9 @@ from pipeline.formats.mesh_companions import Companions
 from pipeline.formats.mesh_parts import (
     MAX_DEPTH,
     MAX_INSTANCES,
-    WHITE,
+    OPAQUE_WHITE,
     build_part,
+    check_corners,
     check_count,
     cut_polygons,
     eight_bits,
@@ -29,7 +30,7 @@ from pipeline.kernels.arrays import Array, Integers
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import compose, sin_cos
 
-Look = tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None]
+Fill = tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None]
 """Colour (4,) and texture."""
 SURFACES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 UNREAD_SHAPES = {
@@ -66,7 +67,7 @@ class _Document:
             element.tag = element.tag.rpartition(":")[2]
         self._by_id = _by_id(root)
         self._parts: dict[str, list[_Part]] = {}
-        self._looks: dict[str, Look] = {}
+        self._looks: dict[str, Fill] = {}
         self._instances = 0
 
     def scene(self) -> Iterator[Mesh]:
@@ -145,7 +146,7 @@ class _Document:
         color = None if levels is None or levels.shape[1] not in (3, 4) else eight_bits(levels, fractions=True)
         return _Part(surface.get("material", ""), of["POSITION"][:, :3], None if uv is None else uv[:, :2], color)
 
-    def _look(self, material: str | None) -> Look:
+    def _look(self, material: str | None) -> Fill:
         """Read colour and texture of a material; none of one that is not in the file."""
         key = material or ""
         if key not in self._looks:
@@ -154,7 +155,7 @@ class _Document:
             self._looks[key] = (None, None) if effect is None else self._paint(effect)
         return self._looks[key]
 
-    def _paint(self, effect: Element) -> Look:
+    def _paint(self, effect: Element) -> Fill:
         """Read an effect: its diffuse colour, or emission where that is the only colour, and opacity."""
         params = {param.get("sid"): param for param in effect.iter("newparam")}
         for sampler in effect.iter("sampler2D"):
@@ -175,7 +176,7 @@ class _Document:
             stated = numbers
         factor = (_numbers(_first(shader.find("transparency"))) or [1.0])[0]
         amount = factor * (float(LUMINANCE @ stated[:3]) if mode.startswith("RGB") else stated[3])
-        color, image = np.array(WHITE, np.uint8), None
+        color, image = np.array(OPAQUE_WHITE, np.uint8), None
         if shown is not None and shown.tag == "texture":
             image = self._textures.find(self._image(shown.get("texture", ""), params), opaque=opaque)
         elif len(numbers := _numbers(shown)) >= 3:
@@ -252,8 +253,7 @@ def _polygons(surface: Element, stride: int) -> tuple[Integers, Integers]:
 
 
 def _rows(values: Array, rows: Integers) -> Array:
-    if rows.size and not (rows.min() >= 0 and rows.max() < len(values)):
-        raise InvalidInput(f"a corner names a row outside 0..{len(values) - 1} of a source; the file is damaged")
+    check_corners(rows, len(values))
     return values[rows]
 
 

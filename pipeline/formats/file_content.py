@@ -88,7 +88,8 @@ def read_file(
         content = path.read_bytes()
     except OSError as error:
         raise InvalidInput(f"{name} cannot be read ({error.strerror}); give the path of a file that can") from error
-    refuse_pointer(name, content)
+    if is_pointer(content):
+        raise InvalidInput(f"{name} is {POINTER_REMEDY}")
     return content
 
 
@@ -103,21 +104,15 @@ def read_text(path: Path, max_bytes: int) -> str:
         raise InvalidInput(f"{path} is not text in UTF-8 ({error}); save it as UTF-8") from error
 
 
-def refuse_pointer(path: object, content: bytes) -> None:
-    """Raise an `InvalidInput` if the content of a file is a Git LFS pointer: the text in its place before `git lfs pull`."""
-    if is_pointer(content):
-        raise InvalidInput(f"{path} is {POINTER_REMEDY}")
-
-
 def is_pointer(content: bytes) -> bool:
-    """Check whether the content of a file is a Git LFS pointer."""
+    """Check whether the content of a file is a Git LFS pointer: the text in its place before `git lfs pull`."""
     return len(content) < MAX_POINTER and POINTER.match(content) is not None
 
 
-def is_pointer_file(path: Path) -> bool:
+def is_pointer_file(path: Path | str) -> bool:
     """Check whether a file is a Git LFS pointer; one that cannot be read is none."""
     try:
-        return regular_stat(path).st_size < MAX_POINTER and is_pointer(path.read_bytes())
+        return regular_stat(path).st_size < MAX_POINTER and is_pointer(Path(path).read_bytes())
     except OSError:
         return False
 

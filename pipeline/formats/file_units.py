@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from pipeline.formats.file_content import without_mark
-from pipeline.formats.threemf import HEAD_BYTES, Package
+from pipeline.formats.threemf import PART_HEAD_BYTES, Package
 
 COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.3048}  # metres per unit, by its sign
@@ -34,7 +34,7 @@ def stated_units(file: Path) -> tuple[float | None, str | None]:
 
 def _collada(file: Path) -> tuple[float | None, str]:
     with file.open("rb") as stream:
-        head = without_mark(file, stream.read(HEAD_BYTES))
+        head = without_mark(file, stream.read(PART_HEAD_BYTES))
     head = COMMENT.sub(b"", head)
     unit = _attribute(head, rb"unit", rb"meter")
     axis = re.search(rb"<up_axis>\s*([XYZ])_UP", head)

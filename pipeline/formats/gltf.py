@@ -54,13 +54,13 @@ def read_document(name: str, content: bytes) -> dict[str, Any]:
 
 def foreign_extensions(tree: Mapping[str, Any], kind: str) -> list[str]:
     """List the extensions of a document that may change the shape, and are not read."""
-    names = map(one_line, entries_of(tree, kind))
+    names = map(one_line, list_of(tree, kind))
     return [name for name in names if not SAME_SHAPE.search(name) and not COMPRESSION.search(name)]
 
 
 def file_names(tree: Mapping[str, Any]) -> Iterator[str]:
     """List the URIs of a document's buffers and images that name files."""
-    uris = (part.get("uri") for kind in ("buffers", "images") for part in entries_of(tree, kind) if isinstance(part, dict))
+    uris = (part.get("uri") for kind in ("buffers", "images") for part in list_of(tree, kind) if isinstance(part, dict))
     return (uri for uri in uris if isinstance(uri, str) and not uri.startswith("data:"))
 
 
@@ -75,7 +75,7 @@ def table(part: Any, name: str) -> dict[str, Any]:
     return value if isinstance(value, dict) else {}
 
 
-def entries_of(part: Mapping[str, Any], name: str) -> list[Any]:
+def list_of(part: Mapping[str, Any], name: str) -> list[Any]:
     """Return a list in an object of the JSON, empty where there is none."""
     value = part.get(name)
     return value if isinstance(value, list) else []
@@ -107,7 +107,7 @@ class Document:
 
     def entry(self, kind: str, number: Any) -> dict[str, Any]:
         """Return an entry of a list of the document, such as `"meshes"`, by its number."""
-        entries = entries_of(self.tree, kind)
+        entries = list_of(self.tree, kind)
         entry = entries[number] if type(number) is int and 0 <= number < len(entries) else None
         if not isinstance(entry, dict):
             raise InvalidInput(f"its JSON names number {one_line(number)} of {len(entries)} {kind}; export it again")
@@ -184,7 +184,7 @@ class Document:
         return base64.b64decode(data) if head.endswith(";base64") else unquote_to_bytes(data)
 
 
-class Primitive:
+class GltfPrimitive:
     """A part of a mesh with one material: its `faces` (F, 3), and the vertices that they name, which are `rows` (V,) of its attributes.
 
     `part` is its entry in the document, `weights` (T,) are those of its morph targets.
@@ -193,7 +193,7 @@ class Primitive:
     def __init__(self, document: Document, part: dict[str, Any], weights: Array) -> None:
         self._document, self._weights = document, weights
         self.material = part.get("material")
-        self.attributes, self._targets = table(part, "attributes"), entries_of(part, "targets")
+        self.attributes, self._targets = table(part, "attributes"), list_of(part, "targets")
         positions = document.array(self.attributes.get("POSITION"), 3)
         numbers = [self.attributes["POSITION"], *([part["indices"]] if "indices" in part else [])]
         encoded = compression(part)

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from trimesh.visual.color import linear_to_srgb, srgb_to_linear
 
-from pipeline.formats.gltf import Document, Primitive, one_line, table
-from pipeline.formats.mesh_parts import GREY, MAX_UV, WHITE, check_count
+from pipeline.formats.gltf import Document, GltfPrimitive, one_line, table
+from pipeline.formats.mesh_parts import GREY, MAX_UV, OPAQUE_WHITE, check_count
 from pipeline.formats.textures import Textures
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Look
@@ -41,13 +41,13 @@ class Looks:
         self._cut: dict[tuple[int, float], NDArray[np.uint8]] = {}
         self._repeats = Repeats()
 
-    def look(self, primitive: Primitive) -> Look:
+    def look(self, primitive: GltfPrimitive) -> Look:
         """Read the look of a primitive."""
         colors = None
         if "COLOR_0" in primitive.attributes:
             with self._noting("the colours of vertices"):
                 colors = _vertex_colors(primitive)
-        look = Look.plain(len(primitive.rows), len(primitive.faces), GREY[:3] if colors is None else WHITE[:3])
+        look = Look.plain(len(primitive.rows), len(primitive.faces), GREY[:3] if colors is None else OPAQUE_WHITE[:3])
         look = replace(look, vertex_color=colors)
         if primitive.material is not None:
             with self._noting(f"material {primitive.material}"):
@@ -56,7 +56,7 @@ class Looks:
             colors[:, 3] = 255  # the default material is opaque
         return look
 
-    def _painted(self, look: Look, primitive: Primitive) -> Look:
+    def _painted(self, look: Look, primitive: GltfPrimitive) -> Look:
         material = self._document.entry("materials", primitive.material)
         name = f"material {one_line(material.get('name', primitive.material))}"
         layers = ((np.array(factor, np.float64), entry, self._texture(name, entry)) for factor, entry in _layers(material))
@@ -127,7 +127,7 @@ class Looks:
         return self._cut[id(texture), limit]
 
     def _place(
-        self, primitive: Primitive, entry: dict[str, Any], texture: NDArray[np.uint8]
+        self, primitive: GltfPrimitive, entry: dict[str, Any], texture: NDArray[np.uint8]
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Return a texture that repeats, and the coordinates (V, 2) of vertices in it, v upwards."""
         transform = table(table(entry, "extensions"), "KHR_texture_transform")
@@ -180,7 +180,7 @@ def _emission(material: dict[str, Any]) -> tuple[list[float], dict[str, Any]]:
     return [*(strength * light for light in material.get("emissiveFactor", (0, 0, 0))), 1], table(material, "emissiveTexture")
 
 
-def _vertex_colors(primitive: Primitive) -> NDArray[np.uint8]:
+def _vertex_colors(primitive: GltfPrimitive) -> NDArray[np.uint8]:
     """Return the (V, 4) sRGB colours of vertices, also where integers are not marked as normalised."""
     stored = primitive.stored("COLOR_0", 3, 4)
     return _srgb(primitive.read("COLOR_0", 3, 4) / (np.iinfo(stored.dtype).max if stored.dtype.kind == "u" else 1))

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.gltf import SURFACES, TRIANGLES, Document, Primitive, entries_of, foreign_extensions, one_line, table
+from pipeline.formats.gltf import SURFACES, TRIANGLES, Document, GltfPrimitive, foreign_extensions, list_of, one_line, table
 from pipeline.formats.gltf_look import Looks
 from pipeline.formats.mesh_companions import Companions
 from pipeline.formats.mesh_parts import MAX_INSTANCES, check_count, check_mesh, mirrors, pose_matrix, posed
@@ -40,7 +40,7 @@ def read_gltf(file: Companions, textures: Textures) -> Iterator[Mesh]:
                 yield Mesh(vertices, turned.astype(np.int32), look)
 
 
-def _deform(points: Array, primitive: Primitive, skin: Array) -> Array:
+def _deform(points: Array, primitive: GltfPrimitive, skin: Array) -> Array:
     """Move points (V, 3) by the matrices (J, 4, 4) of their joints, weighted."""
     sets = [name.removeprefix("JOINTS") for name in sorted(primitive.attributes) if name.startswith("JOINTS_")]
     if not sets:
@@ -63,20 +63,20 @@ class _Nodes:
 
     def __init__(self, document: Document, looks: Looks, unread: list[str]) -> None:
         self._document, self._looks, self._unread, tree = document, looks, unread, document.tree
-        self._parts: dict[tuple[int, bytes], list[tuple[Primitive, Array, Look]]] = {}
-        if not entries_of(tree, "nodes"):  # a library of meshes
-            tree["nodes"] = [{"mesh": number} for number in range(len(entries_of(tree, "meshes")))]
+        self._parts: dict[tuple[int, bytes], list[tuple[GltfPrimitive, Array, Look]]] = {}
+        if not list_of(tree, "nodes"):  # a library of meshes
+            tree["nodes"] = [{"mesh": number} for number in range(len(list_of(tree, "meshes")))]
         self._nodes = [document.entry("nodes", number) for number in range(len(tree["nodes"]))]
-        self._children = [entries_of(node, "children") for node in self._nodes]
+        self._children = [list_of(node, "children") for node in self._nodes]
         roots = self._place()
-        if entries_of(tree, "scenes"):
-            roots = entries_of(document.entry("scenes", tree.get("scene", 0)), "nodes")
+        if list_of(tree, "scenes"):
+            roots = list_of(document.entry("scenes", tree.get("scene", 0)), "nodes")
         self.shown = self._below(roots)
         hidden = set(range(len(self._nodes))) - set(self.shown)
         if lost := sum("mesh" in self._nodes[number] for number in hidden):
             unread.append(f"{lost} of its nodes with a mesh are skipped: they are hidden, or not in the scene that it shows")
 
-    def parts(self, number: int) -> list[tuple[Primitive, Array, Look]]:
+    def parts(self, number: int) -> list[tuple[GltfPrimitive, Array, Look]]:
         """Read the surfaces of a node's mesh, once for all nodes that have it: their points (V, 3) before any pose, and looks."""
         node = self._nodes[number]
         if "mesh" not in node:
@@ -85,11 +85,11 @@ class _Nodes:
         weights = np.array(node.get("weights") or mesh.get("weights") or (), np.float64)
         key = node["mesh"], weights.tobytes()
         if key not in self._parts:
-            entries = entries_of(mesh, "primitives")
+            entries = list_of(mesh, "primitives")
             surfaces = [entry for entry in entries if entry.get("mode", TRIANGLES) in SURFACES]
             if len(surfaces) < len(entries):
                 self._unread.append(f"points and lines of mesh {one_line(mesh.get('name', node['mesh']))} are not read")
-            primitives = [Primitive(self._document, entry, weights) for entry in surfaces]
+            primitives = [GltfPrimitive(self._document, entry, weights) for entry in surfaces]
             self._parts[key] = [(part, part.read("POSITION", 3), self._looks.look(part)) for part in primitives]
         return self._parts[key]
 
@@ -115,7 +115,7 @@ class _Nodes:
         if "skin" not in self._nodes[number]:
             return None
         skin = self._document.entry("skins", self._nodes[number]["skin"])
-        joints = entries_of(skin, "joints")
+        joints = list_of(skin, "joints")
         for joint in joints:
             self._document.entry("nodes", joint)
         matrices = np.stack([self._world[joint] for joint in joints])

@@ -1,6 +1,5 @@
 """Hand files: the YAML descriptions of robot hands."""
 
-import hashlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -14,6 +13,7 @@ from pydantic import AfterValidator, Field, model_validator
 from pipeline.entries import Entries
 from pipeline.errors import InvalidInput, missing_name
 from pipeline.formats.description_file import description_path, read_description, shipped_files
+from pipeline.formats.file_cache import Stamps, stamps_of
 from pipeline.formats.file_content import expanded
 from pipeline.formats.hand_joints import JointRoles, joint_roles, moved_links
 from pipeline.formats.urdf import read_urdf
@@ -148,24 +148,17 @@ def load_hand(
     """Read a hand with its URDF and meshes; heavy collision meshes become convex shapes (`with_convex_shapes`)."""
     path = description_path("hand", name).resolve()
     if path in _cached:
-        digests, hand = _cached[path]
-        if digests == _digests(hand):
+        stamps, hand = _cached[path]
+        if stamps and stamps == stamps_of(hand.files):
             return hand
     hand = _read(path)
     _cached.clear()
-    _cached[path] = _digests(hand), hand
+    _cached[path] = stamps_of(hand.files), hand
     return hand
 
 
-_cached: dict[Path, tuple[list[str] | None, Hand]] = {}
-"""The hand that this process loaded last, with the digests of its files: a stage loads it several times, and meshes may be large."""
-
-
-def _digests(hand: Hand) -> list[str] | None:
-    try:
-        return [hashlib.sha256(file.read_bytes()).hexdigest() for file in hand.files]
-    except OSError:
-        return None
+_cached: dict[Path, tuple[Stamps | None, Hand]] = {}
+"""The hand that this process loaded last, with the stamps of its files: a stage loads it several times, and meshes may be large."""
 
 
 def _read(path: Path) -> Hand:

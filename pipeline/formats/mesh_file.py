@@ -45,20 +45,18 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
             faces, vertices = faces + len(part.faces), vertices + len(part.vertices)
             check_mesh(faces, vertices)
             parts += [part] if len(part.faces) else []
-    except InvalidInput as error:
-        refuse_foreign(file.name, companions.content)
-        raise InvalidInput(f"{file.name}: {error}") from error
+        unread = tuple(dict.fromkeys(companions.unread))
+        if not parts:
+            reasons = "".join(f"; {reason}" for reason in unread)
+            raise InvalidInput(f"it holds no triangle mesh; is it cut off, text, a point cloud or an empty export?{reasons}")
     except MemoryError:
         raise
     except Exception as error:  # whatever parsing a damaged file trips over
         refuse_foreign(file.name, companions.content)
+        if isinstance(error, InvalidInput):
+            raise InvalidInput(f"{file.name}: {error}") from error
         reason = f"{file.name} cannot be read as {file.suffix[1:].upper()}: {type(error).__name__}: {error}"
         raise InvalidInput(f"{reason}; write it again with another program, as triangles") from error
-    unread = tuple(dict.fromkeys(companions.unread))
-    if not parts:
-        refuse_foreign(file.name, companions.content)
-        reasons = "".join(f"; {reason}" for reason in unread)
-        raise InvalidInput(f"{file.name} holds no triangle mesh; is it cut off, text, a point cloud or an empty export?{reasons}")
     return replace(_join(parts), unread=unread)
 
 

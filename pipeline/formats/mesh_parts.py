@@ -17,7 +17,7 @@ from pipeline.kernels.geometry.transforms import transform_points, unit_vectors
 MAX_UV = 2.0**20
 """Repeats of a texture beyond which float32 cannot tell its pixels apart: such coordinates are damaged, and become 0."""
 GREY = (178, 178, 178, 255)  # the colour of faces without a material, as 3D Warehouse's default material
-WHITE = (255, 255, 255, 255)
+OPAQUE_WHITE = (255, 255, 255, 255)
 MAX_FACES = 2_000_000
 """Maximum number of faces of a mesh file, and a third of that of vertices. More would take gigabytes, whatever `max_faces` allows."""
 MAX_INSTANCES = 100_000  # maximum number of nodes or components of a scene, counted each time that they are used
@@ -184,8 +184,8 @@ def build_part(
     kept = [number for number in np.unique(page[page >= 0]).tolist() if textures[number] is not None]
     page = np.where(np.isin(page, kept), np.searchsorted(kept, page), -1)
     if face_color is None:
-        blank = GREY if vertex_color is None else WHITE
-        face_color = np.where((page < 0)[:, None], np.array(blank, np.uint8), np.array(WHITE, np.uint8))
+        blank = GREY if vertex_color is None else OPAQUE_WHITE
+        face_color = np.where((page < 0)[:, None], np.array(blank, np.uint8), np.array(OPAQUE_WHITE, np.uint8))
     base_color, material_texture, face_material = unique_materials(face_color, page)
     coordinates = np.zeros((len(vertices), 2)) if uv is None else np.asarray(uv, np.float64)
     look = Look(

@@ -12,7 +12,7 @@ from pipeline.formats.file_content import decode_text
 from pipeline.formats.mesh_companions import LIBRARY, Companions
 from pipeline.formats.mesh_parts import (
     GREY,
-    WHITE,
+    OPAQUE_WHITE,
     build_part,
     cut_polygons,
     eight_bits,
@@ -66,7 +66,7 @@ def read_obj(file: Companions, textures: Textures) -> list[Mesh]:
     uv = np.concatenate([np.zeros((1, 2)), read_columns(coordinates, 2)])[number]
     colors, images = list[NDArray[np.uint8]](), list[NDArray[np.uint8] | None]()
     for stated, definitions in zip(names, _find_materials(names, file), strict=True):
-        color, image, clamped = np.array(GREY if vertex_color is None else WHITE, np.uint8), None, ""
+        color, image, clamped = np.array(GREY if vertex_color is None else OPAQUE_WHITE, np.uint8), None, ""
         if definitions:
             color, image, clamped = read_material(stated, definitions[-1], textures)
         if clamped and (np.abs(uv[faces[material == len(colors)]] - 0.5) > EDGE).any():

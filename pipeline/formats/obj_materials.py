@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import decode_text, foreign_content, without_mark
-from pipeline.formats.mesh_parts import GREY, WHITE
+from pipeline.formats.mesh_parts import GREY, OPAQUE_WHITE
 from pipeline.formats.textures import Textures
 
 OPTIONS = re.compile(r"(-[a-zA-Z_]+\s+((on|off|[lmrgbz]|-?[\d.]+)\s+)*)+(?=\S)")
@@ -76,7 +76,7 @@ def read_material(
     file = _file(stated)
     keeps_alpha = "map_d" in material and _file(material["map_d"]) == file
     texture = textures.find(stated, opaque=not keeps_alpha) if stated else None
-    color = np.array(GREY if texture is None else WHITE, np.uint8)
+    color = np.array(GREY if texture is None else OPAQUE_WHITE, np.uint8)
     if texture is None:
         diffuse, light = (np.clip([float(number) for number in material.get(key, "").split()], 0, 1) for key in ("kd", "ke"))
         shown = light if light.any() and not diffuse.any() else diffuse

@@ -1,16 +1,14 @@
 """Sensor files: the YAML descriptions of tactile sensors."""
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path, read_description
 from pipeline.formats.file_content import expanded
-from pipeline.formats.image_file import encode_image, read_image
+from pipeline.formats.image_file import read_image
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor, resample
 
@@ -22,14 +20,12 @@ def load_sensor(name: str | Path, *, shape: tuple[int, int] | None = None) -> Se
     path = description_path("sensor", name)
     sensor = read_description("sensor", path, Sensor)
     if file := photograph_file(path, sensor):
-        image, content = read_image(file), file.read_bytes()
+        image = read_image(file)
         if image.shape[:2] != sensor.shape:
             raise InvalidInput(
                 f"{file} has {image.shape[0]} x {image.shape[1]} pixels, {path} says {sensor.rows} x {sensor.cols}; make them agree"
             )
-        if not np.array_equal(np.asarray(Image.open(io.BytesIO(content)).convert("RGB")), image):  # kernels ignore EXIF data
-            content = encode_image(image)
-        sensor = sensor.model_copy(update={"photograph": content})
+        sensor = sensor.model_copy(update={"photograph": image.tobytes()})
     return sensor if shape is None else resample(sensor, *shape)
 
 

@@ -34,7 +34,7 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import compose
 
 MAX_ELEMENTS = 1_000_000  # maximum number of elements of a model beside its vertices and triangles
-HEAD_BYTES = 65_536
+PART_HEAD_BYTES = 65_536
 """Bytes within which a COLLADA or 3MF file states its unit: all that is read of it while objects are listed."""
 MODEL = "3D/3dmodel.model"  # the usual name of the main model
 RELATION, TARGET = re.compile(rb"<[^<>]*Relationship\s[^<>]*>"), re.compile(rb"\sTarget\s*=\s*[\"']([^\"']*)")
@@ -104,10 +104,10 @@ class Package:
         return self._archive.open(self._names[_normal(name)])
 
     def head(self, name: str) -> bytes:
-        """Read the first `HEAD_BYTES` of a part; none if its compression may expand to gigabytes."""
+        """Read the first `PART_HEAD_BYTES` of a part; none if its compression may expand to gigabytes."""
         usual = self._archive.getinfo(self._names[_normal(name)]).compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
         with self.open(name) as stream:
-            return stream.read(HEAD_BYTES) if usual else b""
+            return stream.read(PART_HEAD_BYTES) if usual else b""
 
     @cached_property
     def main(self) -> str:

@@ -6,7 +6,7 @@ processor's, and with them every pose that follows.
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -17,9 +17,10 @@ import numpy as np
 from pipeline.console import Meter, errors
 from pipeline.errors import InvalidInput, missing_name
 from pipeline.formats.file_content import foreign_content, parse_xml, read_file, without_mark
+from pipeline.formats.mesh_companions import Companions
 from pipeline.formats.mesh_parts import MAX_FACES
 from pipeline.formats.mesh_reader import load_mesh
-from pipeline.formats.urdf_shapes import MAX_TURN, Color, check_unit, material_color, numbers_of, origin_of, shape_of
+from pipeline.formats.urdf_shapes import MAX_TURN, Color, MeshReader, check_unit, material_color, numbers_of, origin_of, shape_of
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.model import Hand, Inertial, Joint, Link, Mimic, Shape
@@ -93,26 +94,27 @@ def _end_link(joint: Element, role: str) -> str:
     return end.get("link", "") if end is not None else ""
 
 
-def _reader(meter: Meter) -> Callable[[Path, Path], Mesh]:
+def _reader(meter: Meter) -> MeshReader:
     """Make a function that reads each mesh file once, and refuses more faces than a hand may have."""
     faces = 0
 
     @cache
-    def load(path: Path, package: Path) -> Mesh:
+    def load(path: Path, package: Path) -> tuple[Mesh, tuple[Path, ...]]:
         meter.advance()
-        return load_mesh(path, package)
+        return load_mesh(path, package), tuple(Companions(path, package).paths.values())
 
-    def read(path: Path, package: Path) -> Mesh:
+    def read(path: Path, package: Path) -> tuple[Mesh, tuple[Path, ...]]:
         nonlocal faces
-        faces += len(load(path, package).faces)
+        mesh, companions = load(path, package)
+        faces += len(mesh.faces)
         if faces > MAX_FACES:
             raise InvalidInput(f"its shapes have {faces} faces or more, {MAX_FACES} are the most; decimate their meshes")
-        return load(path, package)
+        return mesh, companions
 
     return read
 
 
-def _link(element: Element, folder: Path, materials: Mapping[str, Color], read: Callable[[Path, Path], Mesh]) -> Link:
+def _link(element: Element, folder: Path, materials: Mapping[str, Color], read: MeshReader) -> Link:
     def shapes(role: str) -> tuple[Shape, ...]:
         return tuple(shape_of(shape, folder, materials, read) for shape in element.findall(role))
 

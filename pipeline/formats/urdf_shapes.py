@@ -10,8 +10,7 @@ import numpy as np
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import stated_units
-from pipeline.formats.mesh_companions import Companions
-from pipeline.formats.mesh_reader import load_mesh
+from pipeline.formats.mesh_parts import GREY
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.geometry.transforms import rotation_from_euler, transform_points
@@ -23,7 +22,8 @@ MAX_TURN, MAX_SLIDE = 1.01 * 2 * np.pi, 1.0
 """rad and m, of a rotation and of the path of a joint that slides: what is larger is in degrees or millimetres."""
 MAX_LEVELS = 20  # number of folders around a URDF in which a package is searched for
 REMEDY = "copy it there, or put an empty package.xml into the folder that holds both"
-GREY: Color = (178, 178, 178)  # sRGB colour of a visual shape that names none
+MeshReader = Callable[[Path, Path], tuple[Mesh, tuple[Path, ...]]]
+"""Reads a mesh file, whose companions are below a folder, its package: the mesh, and the companions."""
 
 PRIMITIVES: Mapping[str, tuple[dict[str, int], Callable[..., Any]]] = {
     "box": ({"size": 3}, lambda creation, *size: creation.box(extents=size)),
@@ -38,7 +38,7 @@ def shape_of(
     element: Element,
     folder: Path,  # of the URDF, to which the paths of mesh files are relative
     materials: Mapping[str, Color],  # by the names of the URDF's materials
-    read: Callable[[Path, Path], Mesh] = load_mesh,  # of a mesh file and the folder that its textures must be in: the package
+    read: MeshReader,
 ) -> Shape:
     """Read a <visual> or <collision>."""
     material = element.find("material")
@@ -55,7 +55,7 @@ def shape_of(
             body = create(creation, *size)
         elif part.tag == "mesh":
             path, package = mesh_path(part.get("filename", ""), folder)
-            body, companions = read(path, package), tuple(Companions(path, package).paths.values())
+            body, companions = read(path, package)
             unit, _ = stated_units(path)  # COLLADA's counts, as in ROS; its up-axis does not
             size = scale = tuple((numbers_of(part, "scale", scale) * (unit or 1)).tolist())
         else:
@@ -110,10 +110,10 @@ def _is_below(path: Path, root: Path) -> bool:
 def material_color(material: Element | None, materials: Mapping[str, Color]) -> Color:
     """Read the sRGB colour of a material, by its own element or by name."""
     if material is None:
-        return GREY
+        return GREY[:3]
     color = material.find("color")
     if color is None:
-        return materials.get(material.get("name", ""), GREY)
+        return materials.get(material.get("name", ""), GREY[:3])
     red, green, blue, _ = (round(255 * part) for part in np.clip(numbers_of(color, "rgba", (0.7, 0.7, 0.7, 1.0)), 0, 1).tolist())
     return red, green, blue
 

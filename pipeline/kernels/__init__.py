@@ -1,1 +1,1 @@
-"""Pure functions on arrays: of the project's modules they import only each other and `errors`."""
+"""Arithmetic on arrays, and the types it works on: it opens no file, and imports nothing of stages, storage or commands."""

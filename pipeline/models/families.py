@@ -32,7 +32,7 @@ FAMILIES: Mapping[str, Mapping[str, NetworkInputs]] = {
 
 
 @dataclass(frozen=True)
-class Row:
+class NetworkRow:
     """A network with the inputs that it is given: a row of the tables of results."""
 
     network: str  # its name
@@ -40,9 +40,11 @@ class Row:
     inputs: NetworkInputs
 
 
-ROWS: dict[str, Row] = {name: Row(name, family, inputs) for family, networks in FAMILIES.items() for name, inputs in networks.items()}
+ROWS: dict[str, NetworkRow] = {
+    name: NetworkRow(name, family, inputs) for family, networks in FAMILIES.items() for name, inputs in networks.items()
+}
 ROWS |= {
-    f"{name}-{way}": Row(name, row.family, row.inputs.restricted_to(inputs))
+    f"{name}-{way}": NetworkRow(name, row.family, row.inputs.restricted_to(inputs))
     for name, row in ROWS.items()
     if row.inputs.image == "any"
     for way, inputs in INPUT_CHOICES.items()
@@ -65,7 +67,7 @@ def row_of(trained: Trained) -> str:
 
 def reconstructor_type(configuration: str) -> type[Reconstructor]:
     """Load what makes and uses a configuration's network; it needs torch, which the names of networks do not."""
-    from pipeline.models.reconstructors import DeformationReconstructor, ImplicitReconstructor
+    from pipeline.models.reconstruction import DeformationReconstructor, ImplicitReconstructor
 
     types: Mapping[str, type[Reconstructor]] = {
         "gcn": DeformationReconstructor,
@@ -80,6 +82,11 @@ def model_name(configuration: str, training_seed: int = 0) -> str:
     row = ROWS[configuration]
     folders = ("models", f"seed-{training_seed}" if training_seed else "", row.family, row.network)
     return "/".join(filter(None, folders))
+
+
+def model_record(configuration: str, training_seed: int = 0) -> str:
+    """Return the path of the record of a configuration's model, below a folder of models."""
+    return f"{model_name(configuration, training_seed).removeprefix('models/')}.json"
 
 
 def load_reconstructor(
@@ -102,7 +109,7 @@ def load_rows(folders: Mapping[str, Path], device: torch.device | str = "cpu") -
 
 def trained_models(models: Location, training_seed: int = 0) -> dict[str, Location]:
     """Find the trained networks: by configuration, the folder below `models` that holds its record."""
-    folders = {name: (models / model_name(name, training_seed).removeprefix("models/")).parent for name in ROWS}
+    folders = {name: (models / model_record(name, training_seed)).parent for name in ROWS}
     records = {folder: set(list_folder(folder)) for folder in set(folders.values())}
     return {name: folder for name, folder in folders.items() if f"{ROWS[name].network}.json" in records[folder]}
 

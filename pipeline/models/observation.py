@@ -81,7 +81,7 @@ def scale_of(rows: ObjectRows, object_id: str, config: NetworkInputs) -> float:
 
 @dataclass(frozen=True)
 class NetworkBatch:
-    """Observations as the arguments of `DeformationNetwork.forward`, on its device."""
+    """Observations as the arguments of a network, on its device."""
 
     images: Tensor | None
     camera: Tensor | None

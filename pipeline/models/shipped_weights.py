@@ -11,7 +11,7 @@ from pipeline.entries import Entries
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.formats.file_content import read_file
-from pipeline.models.families import ROWS, model_name, trained_models
+from pipeline.models.families import ROWS, model_record, trained_models
 from pipeline.models.model_files import DESCRIPTION
 from pipeline.store.storage import Location, as_location
 
@@ -71,8 +71,7 @@ def models_location(name: str) -> Location:
 
 def card_path(models: Path, configuration: str) -> Path:
     """Return the path of a network's card, below a folder of models."""
-    record = models / model_name(configuration).removeprefix("models/")
-    return record.with_name(CARD.format(ROWS[configuration].network))
+    return (models / model_record(configuration)).with_name(CARD.format(ROWS[configuration].network))
 
 
 def shipped_sensor_network(sensor: str, weights: Path = SHIPPED) -> Path | None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
 
@@ -11,6 +12,7 @@ import trimesh
 from numpy.typing import ArrayLike
 
 from pipeline.console import abbreviate
+from pipeline.formats.urdf_shapes import PRIMITIVES
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.hand.model import Hand, Inertial, Joint, Link
 from pipeline.kernels.touch.depth_maps import gel_top
@@ -23,8 +25,6 @@ ROUNDED = 0.01  # share by which the largest moment of inertia may exceed the su
 LEAST_GYRATION = 0.01  # least possible radius of gyration over the diagonal of a link's box: a rod has 0.29, no body more than 1
 GEL_MASS = 0.02  # kg, of a gel's plate: a lighter one swings on its spring faster than steps of 1/240 s can follow
 FOLLOWER_SLACK = 0.1  # rad (m) beyond its leader's limits that a following joint is free to move, so that the limits do not conflict
-SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
-"""The attributes of a shape that hold its size."""
 
 
 def write_hand_urdf(hand: Hand, folder: Path, sensors: Sequence[Sensor] = ()) -> Path:
@@ -82,9 +82,8 @@ def _add_link(robot: Element, link: Link, stem: Path) -> None:
             SubElement(geometry, "mesh", filename=str(path))
         else:
             _add_origin(collision, shape.origin, shape.rpy)
-            names = SIZES[shape.kind]
-            sizes = [shape.size] if len(names) == 1 else [[size] for size in shape.size]
-            SubElement(geometry, shape.kind, {name: _text(size) for name, size in zip(names, sizes, strict=True)})
+            counts, sizes = PRIMITIVES[shape.kind][0], iter(shape.size)
+            SubElement(geometry, shape.kind, {name: _text(list(islice(sizes, count))) for name, count in counts.items()})
 
 
 def _add_inertial(element: Element, body: Inertial) -> None:
@@ -143,8 +142,8 @@ def _add_joint(robot: Element, joint: Joint, hand: Hand) -> None:
     lower, upper = joint.lower, joint.upper
     for follower in hand.followers:
         if follower.link == joint.child:
-            ends = [follower.multiplier * float(limit[follower.entry]) + follower.offset for limit in (hand.lower, hand.upper)]
-            lower, upper = min(ends) - FOLLOWER_SLACK, max(ends) + FOLLOWER_SLACK
+            lower, upper = hand.follower_range(follower)
+            lower, upper = lower - FOLLOWER_SLACK, upper + FOLLOWER_SLACK
     SubElement(element, "limit", lower=repr(lower), upper=repr(upper), effort=repr(hand.torque), velocity="100")
     SubElement(element, "dynamics", damping=repr(joint.damping), friction=repr(joint.friction))
 

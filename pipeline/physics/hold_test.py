@@ -1,7 +1,7 @@
 """The hold test: an object is freed in a grasp, its motion recorded, and judged as held or not."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -120,13 +120,12 @@ class HoldTest(HandPhysics):
         sensors: Sequence[Sensor],  # of its mounts
         *,
         mass: float,  # of the object, kg
-        friction: float | None = None,  # coefficient between hand and object; None: the hand's
         torsion: float | None = None,  # m, as of a `GelSpring`, of every link and gel; None: by the contact's area of gels, 0 of links
     ) -> None:
         self.mass, self.torsion = mass, torsion
         self._start: tuple[list[float], list[float]]
         self._springs: list[GelSpring]
-        super().__init__(hand if friction is None else replace(hand, friction=friction), sensors)
+        super().__init__(hand, sensors)
 
     def load(
         self,

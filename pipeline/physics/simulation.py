@@ -123,8 +123,8 @@ class HandBody:
         quaternion = scipy.spatial.transform.Rotation.from_matrix(hand_pose[:3, :3]).as_quat().tolist()
         base = pybullet.multiplyTransforms(hand_pose[:3, 3].tolist(), quaternion, offset, turn)
         client.resetBasePositionAndOrientation(self.body, *base)
-        following = [joint.multiplier * start[joint.entry] + joint.offset for joint in self.hand.followers]
-        for motor, angle in zip([*self.motors, *self._followers], [*start.tolist(), *map(float, following)], strict=True):
+        following = [float(follower.of(start)) for follower in self.hand.followers]
+        for motor, angle in zip([*self.motors, *self._followers], [*start.tolist(), *following], strict=True):
             client.resetJointState(self.body, motor, angle)
         self.drive(target)
 
@@ -148,7 +148,7 @@ class HandBody:
     def gears_hold(self, angles: Array) -> bool:
         """Return whether every following joint is where its leader puts it."""
         for follower, joint in zip(self.hand.followers, self._followers, strict=True):
-            error = self.client.getJointState(self.body, joint)[0] - (follower.multiplier * angles[follower.entry] + follower.offset)
+            error = self.client.getJointState(self.body, joint)[0] - follower.of(angles)
             if abs(error) * _weight(self.hand, follower.link) > GEAR_SLACK:
                 return False
         return True
@@ -207,10 +207,6 @@ class Simulation(HandPhysics):
     ) -> tuple[Array, bool]:
         """Close the fingers from one posture towards another; return the joint angles (J,), and whether they came to rest in time."""
         self._body.set_pose(hand_pose, start, target)
-        return self.advance(max_steps=max_steps, resting_speed=resting_speed)
-
-    def advance(self, *, max_steps: int, resting_speed: float) -> tuple[Array, bool]:
-        """Step on until the joints rest; arguments and result as for `settle`."""
         for step in range(1, max_steps + 1):
             self.client.stepSimulation()
             if step >= MIN_STEPS and (step % CHECK_EVERY == 0 or step == max_steps):

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.config.folder_sources import FolderSource, ShapeNet
-from pipeline.config.manifest import Manifest, Object, load_manifest
-from pipeline.config.sources import fingerprint
+from pipeline.config.manifest import Manifest, load_manifest
+from pipeline.config.sources import Object, fingerprint
 from pipeline.console import abbreviate, pluralise
 from pipeline.engine import keys
 from pipeline.engine.make import plans
@@ -120,8 +120,9 @@ def _check_current(record: ShardRecord, name: str, items: Sequence[Object], data
 def _check_sources(surfaces: Collection, items: Sequence[Object]) -> None:
     """Raise a `StoreError` for rows with another licence or file name than the manifest's: they would not be made again as they are."""
     for item in items:
-        if surfaces.failure(item.object_id) is not None or not {"licence", "source_file"} <= set(row := surfaces.view(item.object_id)):
+        if surfaces.failure(item.object_id) is not None:
             continue
+        row = surfaces.view(item.object_id)
         stored, source = (str(row["licence"]), str(row["source_file"])), item.source
         file = Path(source["file"]).relative_to(source["root"]).as_posix() if "file" in source else stored[1]
         if stored != (source.get("licence", ""), file):

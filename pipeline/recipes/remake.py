@@ -8,8 +8,9 @@ from typing import Any
 from pydantic import JsonValue, ValidationError
 
 from pipeline.config.folder_sources import FolderSource
-from pipeline.config.manifest import Manifest, Object
+from pipeline.config.manifest import Manifest
 from pipeline.config.settings import Settings, load_presets
+from pipeline.config.sources import Object
 from pipeline.console import NAMED, abbreviate, pluralise
 from pipeline.engine import keys
 from pipeline.engine.plan import Request

@@ -11,12 +11,18 @@ from numpy.typing import NDArray
 
 from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS, Y_UP, Opaque, linear_colors
 from pipeline.errors import InvalidInput, StageError
+from pipeline.kernels.arrays import Array, Integers, Mask
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES
-from pipeline.kernels.vision.view_transfer import seen_colors
+from pipeline.kernels.geometry.closed_surface import vertex_normals
+from pipeline.kernels.geometry.exterior_sampling import RayScene
+from pipeline.kernels.vision.camera import project_points
+from pipeline.kernels.vision.view_transfer import optical_centre
 from pipeline.models.reconstruction import Reconstruction, join_vision_charts
 from pipeline.store.atomic import write_atomically
 
 SUFFIXES = (".obj", ".ply", ".glb")
+STEEPEST = 0.1  # cosine between normal and view below which a vertex is on the rim, where pixels may show the background
+OFFSET = 1e-3  # of a ray's start from a surface over the surface's diagonal
 
 UPRIGHT = np.eye(4)
 """A frame with z up, in metres."""
@@ -117,3 +123,26 @@ def _write(path: Path, parts: Parts, to_metres: NDArray[np.float64]) -> None:
         scene.add_geometry(mesh, node_name=name, geom_name=name, transform=node if suffix == ".glb" else None)
     content = scene.export(file_type=suffix[1:])
     write_atomically(path, content.encode() if isinstance(content, str) else content)
+
+
+def seen_colors(
+    vertices: Array,  # (V, 3) world, m
+    faces: Integers,  # (F, 3) normals outwards
+    image: NDArray[np.uint8],  # (rows, cols, 3)
+    matrix: Array,  # (3, 4) the image's projection matrix, from `projection_matrix`
+    shown: Mask,  # (rows, cols) where the image shows the object, and no background or hand
+) -> tuple[NDArray[np.uint8], Mask]:  # (V, 3) 0 where not seen, (V,)
+    """Look up the colours of vertices in an image, and which are seen: those that face the camera, unoccluded, in a shown pixel."""
+    rows, cols = shown.shape
+    to_camera = optical_centre(matrix) - vertices
+    to_camera /= np.linalg.norm(to_camera, axis=1, keepdims=True)
+    pixels = project_points(matrix, vertices)
+    in_image = ((pixels >= 0) & (pixels < [cols, rows])).all(axis=1)  # NaN behind the camera is not
+    seen = in_image & ((vertex_normals(vertices, faces) * to_camera).sum(axis=1) > STEEPEST)
+    col, row = pixels[seen].astype(np.int64).T
+    seen[seen] = shown[row, col]
+    seen[seen] = RayScene(vertices, faces).escape(vertices[seen], to_camera[seen], OFFSET)
+    colors = np.zeros((len(vertices), 3), np.uint8)
+    col, row = pixels[seen].astype(np.int64).T
+    colors[seen] = image[row, col]
+    return colors, seen

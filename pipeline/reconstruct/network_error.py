@@ -7,7 +7,7 @@ from pipeline.console import pluralise
 from pipeline.errors import StoreError
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.networks.network_configurations import ImplicitConfig
-from pipeline.models.families import ROWS, model_name, row_of
+from pipeline.models.families import ROWS, model_record, row_of
 from pipeline.models.shipped_weights import card_path, read_card
 from pipeline.reconstruct.observation_reader import ObservationReader
 from pipeline.store.directory import DataDirectory
@@ -43,7 +43,7 @@ def _by_evaluation(reader: ObservationReader, name: str) -> str | None:
         figures = read_figures(directory.verified_folder(evaluated))
     except StoreError:
         return None  # out of date: `evaluate` says why
-    baseline_name = retrieved_by(reader.model.image, reader.model.touch)
+    baseline_name = retrieved_by(reader.model.config.image, reader.model.config.touch)
     if name not in figures or (baseline := figures.get(baseline_name)) is None:
         return None
     ours, theirs = (1e3 * float(rows.per_object("mean_distance").mean()) for rows in (figures[name], baseline))
@@ -58,12 +58,10 @@ def _by_evaluation(reader: ObservationReader, name: str) -> str | None:
 def _by_training(reader: ObservationReader, name: str) -> str:
     """Convert the validation loss of the best epoch to mm."""
     model = reader.model
-    record = model_name(name, reader.training_seed).removeprefix("models/")
-    directory = DataDirectory(reader.models)
+    path = reader.models / model_record(name, reader.training_seed)
     try:
-        loss = float(directory.folder(record).facts["best"]["loss"])
+        loss = float(DataDirectory(path.parent).folder(path.stem).facts["best"]["loss"])
     except (KeyError, TypeError, ValueError) as error:
-        path = directory.folder_record(record)
         raise StoreError(f"{path}: it lacks the validation loss of a training; delete it and train the model again") from error
     if isinstance(model.config, ImplicitConfig):
         return f"signed distances near validation objects, scaled to 0.5 m, are wrong by {1e3 * loss * model.config.band:.1f} mm on average"

@@ -66,7 +66,7 @@ class ObservationReader:
 
     def of_robot(self, placed: Placement) -> Observation:
         """Fit charts to a robot's touches; its image, and the depth that it gives as touched, are placed already."""
-        if not self.model.touch:
+        if not self.model.config.touch:
             return Observation(placed.image, camera=placed.camera)
         observation, visible = placed.checked.observation, placed.visible_charts
         vertices, touched = np.zeros((0, self.model.config.side**2, 3), np.float32), np.zeros(0, bool)
@@ -84,7 +84,7 @@ class ObservationReader:
     @cached_property
     def target(self) -> Target:
         """The model as observations are checked against it; no sensor if tactile images cannot be read."""
-        sensor = self.unet.sensor if self.model.touch and f"{self._unet_name}.json" in list_folder(self.models) else None
+        sensor = self.unet.sensor if self.model.config.touch and f"{self._unet_name}.json" in list_folder(self.models) else None
         return Target.model_construct(**dict(self.model.trained), sensor=sensor)
 
     @cached_property

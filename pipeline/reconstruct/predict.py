@@ -14,6 +14,7 @@ from pipeline.formats.description_file import read_yaml
 from pipeline.kernels.geometry.closed_surface import RESOLUTION
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.kernels.vision.view_transfer import foreground
+from pipeline.models.device import device_of
 from pipeline.models.families import load_reconstructor, model_name, trained_folder, trained_models
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, close_reconstruction
@@ -28,7 +29,6 @@ from pipeline.reconstruct.observation_reader import ObservationReader, object_ma
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location
 from pipeline.store.validate import check_origins
-from pipeline.training.device import device_of
 
 Surface = Literal["charts", "joined", "both", "closed"]
 RESOLUTIONS = 64, 400
@@ -85,7 +85,7 @@ class StoredGrasps:
     def chosen(self, reader: ObservationReader) -> Sequence[int]:
         """Choose the grasps, or the one viewpoint, that a network is given."""
         name = reader.model.trained.configuration
-        if reader.model.image == "rendering":
+        if reader.model.config.image == "rendering":
             if self.grasps:
                 raise StageError(f"model {name} takes a rendering: use --view, not --grasp {self.grasps[0]}")
             return [self.view]
@@ -193,9 +193,9 @@ def _predicted(reader: ObservationReader, source: Observed, surface: Surface, re
 def _of_nothing(reader: ObservationReader) -> _Given:
     """Give a network without inputs nothing: it reconstructs what it takes any object to be."""
     model = reader.model
-    if model.image or model.touch:
-        needed = [name for name, is_used in (("an image", model.image), ("touches", model.touch)) if is_used]
-        inputs = (" or " if model.image == "any" else " and ").join(needed)
+    if model.config.image or model.config.touch:
+        needed = [name for name, is_used in (("an image", model.config.image), ("touches", model.config.touch)) if is_used]
+        inputs = (" or " if model.config.image == "any" else " and ").join(needed)
         raise StageError(f"model {model.trained.configuration} needs {inputs}: give an observation, or a data directory and an object")
     return _Given(reader, Observation(None, scale=2 * model.config.radius / reader.target.size))
 
@@ -221,13 +221,13 @@ def _of_object(reader: ObservationReader, stored: StoredGrasps) -> _Given:
     numbers, name = stored.chosen(reader), reader.model.trained.configuration
     if reader.models.resolve() == (stored.data / "models").resolve():  # else the models are another dataset's
         check_origins(DataDirectory(stored.data), [model_name(name, reader.training_seed)])
-    if reader.model.image == "any":
+    if reader.model.config.image == "any":
         reader = reader.restricted_to(INPUT_CHOICES["occluded-touch"])
     model, inputs = reader.model, reader.of_object(stored.data, stored.object_id, numbers)
     photograph, remarks = None, []
     if inputs.image is not None and inputs.camera is not None:
-        is_stored = model.image in ("occluded", "unoccluded")
-        mask = object_mask(stored.data, stored.object_id, model.image, numbers) if is_stored else foreground(inputs.image)
+        is_stored = model.config.image in ("occluded", "unoccluded")
+        mask = object_mask(stored.data, stored.object_id, model.config.image, numbers) if is_stored else foreground(inputs.image)
         photograph = inputs.image, inputs.camera, mask
     seen_by = inputs.scaled(model.config.centre).camera
     if seen_by is not None and model.trained.camera is not None and not model.trained.has_view(seen_by):

@@ -21,6 +21,7 @@ from pipeline.store import digest
 from pipeline.store.atomic import create
 from pipeline.store.digest import hashes_of
 from pipeline.store.record import Failure, FolderRecord, RowRecord, ShardRecord, read_record
+from pipeline.store.rows import RowFiles
 from pipeline.store.shard import RowView, Shard
 from pipeline.store.storage import Location, as_location, cache_of, copy, exists, files_below, list_folder, map_in_threads, read_bytes
 from schemas.base import Artifact
@@ -166,6 +167,10 @@ class DataDirectory:
         """Return the work folder of an artifact or folder."""
         return self.root / WORK / name
 
+    def rows(self, artifact: Artifact) -> RowFiles:
+        """Open the rows of an artifact that wait to be published."""
+        return RowFiles(self.work(artifact.name), artifact)
+
 
 class Collection:
     """The objects of an artifact whose shards have been published."""
@@ -219,7 +224,7 @@ class Collection:
 
     @cached_property
     def first(self) -> Shard:
-        """Return the first shard with a row: others lack sizes.; settings, attributes and constants are the same in all."""
+        """The first shard with a row: others lack sizes. Settings, attributes and constants are the same in all."""
         if not self.shards:
             raise StoreError(self._not_made)
         self.check_alike()
@@ -243,8 +248,7 @@ class Collection:
 
     def processors(self) -> Counter[str]:
         """Count the rows by the kind of processor that computed them."""
-        kinds = Counter(shard.record.processor_of(row) for shard in self.shards for row in shard.record.rows)
-        return Counter({kind: count for kind, count in kinds.items() if kind})
+        return Counter(row.processor for shard in self.shards for row in shard.record.rows if row.processor)
 
     def digest(self) -> str:
         """Compute the digest of all objects; it depends neither on the number of shards nor on the versions that made them."""

@@ -45,8 +45,11 @@ def array_spec(array: Array, shape: tuple[int, ...]) -> AnyArray:
     bytes_codec = {"name": "vlen-utf8"} if array.dtype == "string" else {"name": "bytes", **({} if one_byte else little_endian)}
     stride = shuffle_stride(array)
     shuffle = "shuffle" if stride > 1 else "noshuffle"
-    blosc = {"name": "blosc", "configuration": {"typesize": stride, "cname": "zstd", "clevel": LEVEL, "shuffle": shuffle, "blocksize": 0}}
-    inner: tuple[Any, ...] = (bytes_codec, blosc, {"name": "crc32c"})
+    compressor = {
+        "name": "blosc",
+        "configuration": {"typesize": stride, "cname": "zstd", "clevel": LEVEL, "shuffle": shuffle, "blocksize": 0},
+    }
+    inner: tuple[Any, ...] = (bytes_codec, compressor, {"name": "crc32c"})
     if array.per_object and array.dtype != "string":
         index = ({"name": "bytes", **little_endian}, {"name": "crc32c"})
         sharding = {"chunk_shape": chunk, "codecs": inner, "index_codecs": index, "index_location": "end"}

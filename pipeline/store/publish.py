@@ -61,7 +61,7 @@ def commit_shard(
         **attributes,
     }
     name, work = record_path.stem, directory.work(artifact.name)
-    files = RowFiles(work, artifact)
+    files = directory.rows(artifact)
     location = versioned(name, [record.key, [row.digest for row in record.rows]]) + ".zarr"
     version = version_of(record_path)
     with local_copy(work, begin=False) as local:
@@ -73,13 +73,12 @@ def commit_shard(
     files.discard(results)
 
 
-def commit_folder(directory: DataDirectory, name: str, filled: Path, record: FolderRecord) -> Location:
-    """Move a finished folder to its versioned name, unless a killed run has; publish its record, return its path."""
+def commit_folder(directory: DataDirectory, name: str, filled: Path, record: FolderRecord) -> None:
+    """Move a finished folder to its versioned name, unless a killed run has; publish its record."""
     record_path = directory.folder_record(name)
     path, version = folder_target(record_path, record), version_of(record_path)
     unmoved = filled if record.files.keys() <= files_below(filled).keys() else None
     _publish(directory, record_path, unmoved, path, record, version)
-    return path
 
 
 def folder_target(record_path: Location, record: FolderRecord) -> Location:

@@ -98,10 +98,6 @@ class ShardRecord(Provenance):
     # SHA-256 of the `zarr.json` of the group itself, under the empty name, and of each array at its root
     metadata: dict[str, Sha256]
 
-    def processor_of(self, row: RowRecord) -> str:
-        """Name the kind of processor that computed a row, by default the shard's; empty where nothing was computed."""
-        return row.processor or ("" if row.failure else processor_kind(self.processor))
-
 
 class FolderRecord(Provenance):
     """The record of a folder that a dataset stage filled."""

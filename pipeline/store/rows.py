@@ -32,26 +32,26 @@ def are_valid(array: Array, values: np.ndarray) -> bool:
 
 
 def conform(artifact: Artifact, row: Mapping[str, np.ndarray], *, constants: bool = False) -> Row:
-    """Check a row, or the constants, against the schema, and convert it to the schema's dtypes."""
+    """Check a row, or the constants, against the schema, and convert it to the schema's dtypes; a `ValueError` is a bug of the stage."""
     declared = {name: array for name, array in artifact.arrays.items() if name not in COMMON and array.per_object != constants}
     optional = {name for name, array in declared.items() if array.optional}
     if missing := sorted(declared.keys() - row.keys() - optional):
-        raise StoreError(f"{artifact.name}: the stage returned no {', '.join(missing)}")
+        raise ValueError(f"{artifact.name}: the stage returned no {', '.join(missing)}")
     conformed: Row = {}
     for name, value in row.items():
         array = declared.get(name) or (artifact.of(name) if "/" in name else None)
         if array is None:
-            raise StoreError(f"{artifact.name}: the stage returned {name}, which is not in its schema")
+            raise ValueError(f"{artifact.name}: the stage returned {name}, which is not in its schema")
         dims = array.dims[1:] if array.per_object else array.dims
         if value.ndim != len(dims):
-            raise StoreError(f"{artifact.name}: {name} has shape {value.shape}, the schema says {dims}")
+            raise ValueError(f"{artifact.name}: {name} has shape {value.shape}, the schema says {dims}")
         dtype = np.dtype(np.str_) if array.dtype == "string" else numpy_dtype(array)
         if not np.can_cast(value.dtype, dtype, "same_kind"):
-            raise StoreError(f"{artifact.name}: {name} is {value.dtype}, the schema says {array.dtype}")
+            raise ValueError(f"{artifact.name}: {name} is {value.dtype}, the schema says {array.dtype}")
         with np.errstate(over="ignore"):  # values beyond float32 become infinite, and are refused below
             stored = value if array.dtype == "string" else value.astype(dtype)
         if not are_valid(array, stored):
-            raise StoreError(f"{artifact.name}: {name} holds a value that is not finite as {array.dtype}; a kernel let it through")
+            raise ValueError(f"{artifact.name}: {name} holds a value that is not finite as {array.dtype}; a kernel let it through")
         conformed[name] = stored
     return conformed
 

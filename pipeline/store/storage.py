@@ -16,7 +16,7 @@ from datetime import timedelta
 from functools import lru_cache
 from itertools import count
 from pathlib import Path, PurePosixPath
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 from uuid import uuid4
 
 import obstore
@@ -29,7 +29,7 @@ from zarr.storage import LocalStore, WrapperStore
 from zarr.storage import ObjectStore as ZarrObjectStore
 
 from pipeline.errors import InvalidInput, StoreError
-from pipeline.formats.file_content import MAX_POINTER, POINTER_REMEDY, expanded, is_pointer, regular_stat
+from pipeline.formats.file_content import POINTER_REMEDY, expanded, is_pointer, is_pointer_file, regular_stat
 
 PROTOCOLS = ("s3", "gs")
 """URL schemes of object storage with conditional puts: S3 and compatible servers, Google Cloud Storage."""
@@ -220,32 +220,29 @@ def map_in_threads(function: Callable[[A], B], items: Sequence[A]) -> list[B]:
 
 
 class _Files(WrapperStore[Store]):
-    """The files of a group that Zarr reads: only regular ones are opened, and, unless it is `sparse`, a missing chunk is an error."""
+    """The files of a group that Zarr reads: only regular ones are opened, and a missing chunk is an error."""
 
-    def __init__(self, store: Store, sparse: bool = False) -> None:
+    def __init__(self, store: Store) -> None:
         super().__init__(store)
-        self.sparse = sparse
         self._folder = str(store.root) if isinstance(store, LocalStore) else None
-
-    def _with_store(self, store: Store) -> Self:
-        return type(self)(store, self.sparse)
 
     async def get(self, key: str, prototype: BufferPrototype, byte_range: ByteRequest | None = None) -> Buffer | None:
         if self._folder:
             with suppress(FileNotFoundError, NotADirectoryError):
                 path = f"{self._folder}/{key}"
-                if regular_stat(path).st_size < MAX_POINTER and is_pointer(Path(path).read_bytes()):
+                regular_stat(path)
+                if is_pointer_file(path):
                     raise StoreError(f"{path} is {POINTER_REMEDY}")
         content = await self._store.get(key, prototype, byte_range)
-        if content is None and not self.sparse and PurePosixPath(key).name not in ZARR_METADATA:
+        if content is None and PurePosixPath(key).name not in ZARR_METADATA:
             raise FileNotFoundError(errno.ENOENT, "the chunk is missing", key)
         return content
 
 
-def zarr_store(path: Location, *, sparse: bool = False) -> Store:
-    """Open a group for Zarr; a missing chunk is a `FileNotFoundError`, unless the group is `sparse`: written without chunks of zeros."""
+def zarr_store(path: Location) -> Store:
+    """Open a group for Zarr; a missing chunk is a `FileNotFoundError`."""
     files = LocalStore(path, read_only=True) if isinstance(path, Path) else ZarrObjectStore(_client(str(path)), read_only=True)
-    return _Files(files, sparse)
+    return _Files(files)
 
 
 def bucket_of(path: Location) -> ObjectStore:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pipeline.config.manifest import TOTAL
 from pipeline.console import Cell, Columns, Row, Table, pluralise, tabulate
 from pipeline.kernels.arrays import Array
+from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL
 from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, sampling_distance, sampling_share
 from pipeline.rng import numpy_rng
@@ -18,7 +19,6 @@ from pipeline.tables.comparison import about_rows, comparable_figures
 from pipeline.tables.supplement_figures import PAPER, TABLE_2, TABLE_3, TABLE_4
 from stages.evaluate.baselines import BASELINE_PREFIX, label
 from stages.evaluate.evaluation_files import Arrays, Figures, has_table, read_figures, read_root, read_table
-from stages.evaluate.measure import PAPER_DIAGONAL
 from stages.evaluate.protocols import NEAR, NEAR_SHARE
 
 QUALITY_UNITS = {
@@ -135,11 +135,11 @@ class GraspTables:
             f"{TABLE_3_FACTOR:.0f}, the unit of Table 3 of {PAPER}. It grows with the square of an object's size."
         )
         if self.paper:
-            return f"{text} The figures of {PAPER} are of other objects, scaled to {PAPER_DIAGONAL:g} m as these are."
+            return f"{text} The figures of {PAPER} are of other objects, scaled to {DIAGONAL:g} m as these are."
         diagonals = self.objects["diagonal"]
         sizes = " to ".join(dict.fromkeys(f"{1e3 * size:.0f}" for size in (diagonals.min(), diagonals.max())))
         return (
-            f"{text} The diagonals of these objects are {sizes} mm; {PAPER} scaled its objects to {1e3 * PAPER_DIAGONAL:.0f} mm, so its "
+            f"{text} The diagonals of these objects are {sizes} mm; {PAPER} scaled its objects to {1e3 * DIAGONAL:.0f} mm, so its "
             "figures cannot be compared with these and are not shown."
         )
 

@@ -31,12 +31,12 @@ DIRECTIONS = ("−x", "+x", "−y", "+y", "−z", "+z")
 
 @dataclass(frozen=True)
 class ObjectTouches:
-    """The grasps of one object; None if the dataset lacks what an array is computed from."""
+    """The grasps of one object; None without the hold test that an array is computed from."""
 
     category: str
     touched: NDArray[np.bool_]  # (grasp, sensor): which touches of the kept grasps succeed
     attempts: NDArray[np.float64]  # (sensor,) share of all attempts in which a sensor touched
-    contacts: NDArray[np.float64] | None = None  # (grasp, 3) contact area, mm²; greatest angle between contacts, °; margin of closure
+    contacts: NDArray[np.float64]  # (grasp, 3) contact area, mm²; greatest angle between contacts, °; margin of closure
     held: NDArray[np.bool_] | None = None  # (grasp,): which grasps hold the object in the hold test
     held_directions: NDArray[np.bool_] | None = None  # (grasp, 6): the same by direction of gravity
     motions: NDArray[np.float64] | None = None  # (grasp, 6, 2) how far, m, and how fast, m/s, the object moved in the end
@@ -77,20 +77,19 @@ class Touches:
 def read_touches(data: Location) -> Touches:
     """Read the touches of a data directory."""
     shard = DataDirectory(data).collection(GRASPS).first
-    contacts = CONTACT_ARRAYS if shard.has("closure") else ()  # older datasets have none
     hold = tuple(name for name in HOLD_ARRAYS if shard.has(name))
-    rows = ObjectRows(data, ["touch_success", "attempt_success", *contacts, *hold], split=None)
+    rows = ObjectRows(data, ["touch_success", "attempt_success", *CONTACT_ARRAYS, *hold], split=None)
     objects = []
     for object_id, category in zip(rows.object_ids, rows.categories, strict=True):
+        area, angle, margin = (rows.read(name, object_id) for name in CONTACT_ARRAYS)
+        contacts = np.stack([1e6 * area.sum(axis=1), angle, margin], axis=1)
         measured: dict[str, Any] = {name: rows.read(name, object_id) for name in ("held", "held_directions") if name in hold}
-        if contacts:
-            area, angle, margin = (rows.read(name, object_id) for name in contacts)
-            measured["contacts"] = np.stack([1e6 * area.sum(axis=1), angle, margin], axis=1)
         if hold:
             measured["diagonal"] = rows.diagonal(object_id)
         if "hold_speed" in hold:
             measured["motions"] = np.stack([rows.read(name, object_id) for name in ("hold_distance", "hold_speed")], axis=-1)
-        objects.append(ObjectTouches(category, rows.read("touch_success", object_id), rows.read("attempt_success", object_id), **measured))
+        touched, attempts = (rows.read(name, object_id) for name in ("touch_success", "attempt_success"))
+        objects.append(ObjectTouches(category, touched, attempts, contacts, **measured))
     sensors = [str(name) for name in shard.read("sensor")]
     return Touches(sorted(objects, key=lambda item: item.category), sensors, has_paper_sizes(data))
 
@@ -107,14 +106,12 @@ def touch_tables(touches: Touches) -> list[Table]:
         "% of attempts, mean over objects": (".1f", lambda name: 100 * float(np.mean([item.attempts for item in groups[name]]))),
     }
     tables = [tabulate("Table 1: touches, all splits", "class", {name: name for name in groups}, columns)]
-    if joined(touches.objects, "contacts").size:
-        contacts: Columns = {
-            "area of contact per grasp, mm²": (".0f", lambda objects: joined(objects, "contacts")[:, 0].mean()),
-            f"% with contacts over {OPPOSED}° apart": (".1f", lambda objects: 100 * (joined(objects, "contacts")[:, 1] > OPPOSED).mean()),
-            "% with force closure": (".1f", lambda objects: 100 * (joined(objects, "contacts")[:, 2] > 0).mean()),
-        }
-        tables.append(tabulate("Contacts", "class", groups, contacts))
-    tables += hold_tables(touches)
+    contacts: Columns = {
+        "area of contact per grasp, mm²": (".0f", lambda objects: joined(objects, "contacts")[:, 0].mean()),
+        f"% with contacts over {OPPOSED}° apart": (".1f", lambda objects: 100 * (joined(objects, "contacts")[:, 1] > OPPOSED).mean()),
+        "% with force closure": (".1f", lambda objects: 100 * (joined(objects, "contacts")[:, 2] > 0).mean()),
+    }
+    tables += [tabulate("Contacts", "class", groups, contacts), *hold_tables(touches)]
     rows = [_percent_row("here", touches.per_grasp)]
     if touches.supplement_per_grasp:
         rows.append(Row([PAPER, None, *_percent_row("", touches.supplement_per_grasp[1:]).cells[1:]]))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from PIL import Image
 from rich.console import Console
 
 from pipeline.engine import keys
@@ -114,7 +115,7 @@ def coarse_sensor(sensor: Sensor, share: float, folder: Path) -> Path:
     described = {**coarse.model_dump(mode="json", exclude_none=True, by_alias=True), "name": f"{sensor.name}_coarse"}
     folder.mkdir(parents=True, exist_ok=True)
     if coarse.photograph is not None:
-        (folder / "coarse.png").write_bytes(coarse.photograph)
+        Image.frombytes("RGB", (coarse.cols, coarse.rows), coarse.photograph).save(folder / "coarse.png")
         described["calibrated"] |= {"background": "coarse.png"}
     (file := folder / "coarse.yaml").write_text(yaml.safe_dump(described))
     return file

@@ -19,11 +19,11 @@ from torch.utils.tensorboard import SummaryWriter
 
 from pipeline.console import Meter, console_on, pluralise
 from pipeline.errors import InvalidInput, StageError
+from pipeline.models.device import device_of, torch_threads
 from pipeline.rng import numpy_rng, torch_generator
 from pipeline.store.digest import LOGS
 from pipeline.store.record import processor, processor_kind
 from pipeline.training import checkpoint
-from pipeline.training.device import device_of, torch_threads
 from pipeline.training.learner import Learner
 from pipeline.training.processes import run_processes, share_batch_norm
 from pipeline.training.settings import TrainingSettings
@@ -71,7 +71,7 @@ def train(
         "hardware": {
             "device": torch.cuda.get_device_name(device) if gpus else f"{platform.machine()} CPU",
             "processes": settings.devices,
-            "processors": [processor_kind(processor())],
+            "processor": processor_kind(processor()),
             "threads": settings.threads,
             "precision": settings.precision,
         },

@@ -5,7 +5,6 @@ import os
 import pickle
 import signal
 import sys
-import threading
 import time
 from collections.abc import Callable
 from datetime import timedelta
@@ -18,6 +17,7 @@ import torch.distributed
 from torch import Tensor, nn
 from torch.nn.modules.batchnorm import _BatchNorm
 
+from pipeline.engine.worker_processes import end_with_parent
 from pipeline.errors import PipelineError, StageError
 from pipeline.store.temporary import temporary_folder
 
@@ -70,7 +70,7 @@ def run_processes(
 def _join(connection: Connection, packed: bytes, kind: str, rank: int, count: int, folder: Path) -> None:
     """Join the process group and work; send the error, or None."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C is for the parent, which reports it
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()
     os.environ.setdefault("GLOO_SOCKET_IFNAME", "lo")  # no other machine has to reach this process
     device = torch.device(kind, rank) if kind == "cuda" else torch.device(kind)
     error: Any = None
@@ -95,13 +95,6 @@ def _join(connection: Connection, packed: bytes, kind: str, rank: int, count: in
     connection.send(error)
     sys.stdout.flush()
     os._exit(0)  # destructors of the process group may wait for others
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    assert parent
-    parent.join()
-    os._exit(1)
 
 
 class _Sum(torch.autograd.Function):

@@ -1,4 +1,4 @@
-"""The stage that trains a network that reconstructs objects; each subclass trains a family."""
+"""Stages that train networks; those that train one that reconstructs objects have all but its targets and its loss here."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class ReconstructionTraining(Training):
             raise StageError(f"the network in `pretrained` has other sizes; to begin with it, set {stated}")
         network.load_state_dict(pretrained.network.state_dict())
         before = learned_from(DataDirectory(trained_models(models)[trained]).folder(trained))
-        names = ", ".join(dict.fromkeys(str(one["manifest"]) for one in before))
+        names = ", ".join(dict.fromkeys(str(training["manifest"]) for training in before))
         job.console.print(f"{name} begins with weights that have learned from objects of {names}: test objects among these are not unseen")
         return before
 

@@ -13,7 +13,7 @@ from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances
 from pipeline.kernels.metrics.retrieval import RetrievalCloud, chamfer_matrix, nearest_cloud, silhouette_overlap
 from stages.evaluate.evaluation_files import Figure, Figures
-from stages.evaluate.measure import TestObjects
+from stages.evaluate.measure import MeasuredObjects
 
 POINTS = 1000
 """Points per object that the search compares; the retrieved object is measured on all of its points."""
@@ -48,7 +48,7 @@ def retrieved_by(image: object, touch: bool) -> str:
 
 
 def retrieve(
-    objects: TestObjects,
+    objects: MeasuredObjects,
     training: ObjectRows,
     figures: Callable[[CloudDistances, str], Mapping[str, float]],  # of the distances for a test object
     *,

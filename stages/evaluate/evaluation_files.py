@@ -129,14 +129,14 @@ def write_evaluation(
     checked = {name: _conform(name, arrays) for name, arrays in groups.items()}
     shutil.rmtree(folder / TABLES_ZARR, ignore_errors=True)
     store = LocalStore(folder / TABLES_ZARR)
-    zarr.create_group(store, attributes={"schema": "evaluation", "schema_version": VERSION, **attributes, "complete": False}, zarr_format=3)
+    zarr.create_group(store, attributes={"schema": "evaluation", "schema_version": VERSION, **attributes}, zarr_format=3)
     for name, arrays in checked.items():
         declared = GROUPS[name.partition("/")[0]]
         members = {key: array_spec(declared.arrays[key], value.shape) for key, value in arrays.items()}
-        group: Any = GroupSpec(attributes={"summary": declared.summary}, members=members).to_zarr(store, path=name)
-        for key, value in arrays.items():
-            group[key][...] = value
-    zarr.open_group(store, mode="r+").attrs["complete"] = True
+        with zarr.config.set({"array.write_empty_chunks": True}):
+            group: Any = GroupSpec(attributes={"summary": declared.summary}, members=members).to_zarr(store, path=name)
+            for key, value in arrays.items():
+                group[key][...] = value
 
 
 def long_table(figures: Mapping[str, Figures]) -> dict[str, list[Any]]:
@@ -167,26 +167,26 @@ def _conform(name: str, arrays: Mapping[str, Any]) -> Arrays:
 def _root(folder: Path) -> zarr.Group:
     path = folder / TABLES_ZARR
     try:
-        root = zarr.open_group(zarr_store(path, sparse=True), mode="r")
+        root = zarr.open_group(zarr_store(path), mode="r")
     except (OSError, ValueError, KeyError) as error:
         raise StoreError(f"{path} cannot be read as an evaluation ({error}); run evaluate first") from error
-    if root.attrs.get("complete") is not True or root.attrs.get("schema_version") != VERSION:
-        raise StoreError(f"{path} is not complete, or not of schema version {VERSION}; run evaluate, or score, again")
+    if root.attrs.get("schema_version") != VERSION:
+        raise StoreError(f"{path} is not of schema version {VERSION}; run evaluate, or score, again")
     return root
 
 
 def read_root(folder: Path) -> dict[str, Any]:
-    """Read the attributes of an evaluation folder: settings, seed, configurations; raise a `StoreError` if it is incomplete."""
+    """Read the attributes of an evaluation folder: settings, seed, configurations; raise a `StoreError` if it cannot be read."""
     return dict(_root(folder).attrs.asdict())
 
 
 def has_table(folder: Path, name: str) -> bool:
-    """Return whether an evaluation folder has a group of that name; raise a `StoreError` if no evaluation is complete."""
+    """Return whether an evaluation folder has a group of that name."""
     return name in _root(folder)
 
 
 def read_table(folder: Path, name: str) -> Arrays:
-    """Read the arrays of one group; raise a `StoreError` if the evaluation is incomplete or the group missing or invalid."""
+    """Read the arrays of one group; raise a `StoreError` if it is missing or invalid."""
     root = _root(folder)
     group = root.get(name)
     if not isinstance(group, zarr.Group):
@@ -195,7 +195,7 @@ def read_table(folder: Path, name: str) -> Arrays:
 
 
 def read_figures(folder: Path) -> dict[str, Figures]:
-    """Read the figures of an evaluation folder by network; raise a `StoreError` if it is incomplete."""
+    """Read the figures of an evaluation folder by network."""
     table, object_ids = read_table(folder, "figures"), read_table(folder, "objects")["object_id"].tolist()
     rows: dict[str, list[Figure]] = {}
     for network, *figure in zip(*(table[name].tolist() for name in GROUPS["figures"].arrays), strict=True):

@@ -1,4 +1,4 @@
-"""Measure reconstructors on the objects of a split: reconstruct each case once, and measure it by a protocol."""
+"""Measure methods on the objects of a split: reconstruct each case once, and measure it by a protocol."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -14,10 +14,10 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError, StoreError
 from pipeline.kernels.geometry.mesh import sample_triangles
+from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances, sampled_area, sampling_floor
-from pipeline.models import reconstruction
 from pipeline.models.observation import Observation, stored_observation
-from pipeline.models.reconstruction import Reconstruction
+from pipeline.models.reconstruction import Reconstruction, Reconstructor
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from pipeline.store.shard import RowView
@@ -26,23 +26,19 @@ from schemas.surfaces import SURFACES
 from stages.evaluate.evaluation_files import Arrays, Figure, Figures
 
 SPLIT = "test"
-PAPER_DIAGONAL = 0.5
-"""Diagonal to which the paper scales its objects, m."""
 
 
 def has_paper_sizes(data: Location) -> bool:
     """Check whether every object was scaled to the paper's diagonal: only then can figures in metres be compared with the paper's."""
     shard = DataDirectory(data).collection(SURFACES).first
-    if shard.attributes.get("settings", {}).get("diagonal", PAPER_DIAGONAL) != PAPER_DIAGONAL:
+    if shard.attributes.get("settings", {}).get("diagonal", DIAGONAL) != DIAGONAL:
         return False
-    if not shard.has("metres_per_unit"):  # older datasets keep no real sizes
-        return True
     rows = ObjectRows(data, ["metres_per_unit"], split=None)
     return all(rows.read("metres_per_unit", object_id) == 0 for object_id in rows.object_ids)
 
 
-class TestObjects(ObjectRows):
-    """The objects of the test split that have every array which a reconstructor needs: the same for all."""
+class MeasuredObjects(ObjectRows):
+    """The objects of the test split that have every array which a method needs: the same for all."""
 
     def __init__(
         self,
@@ -68,13 +64,9 @@ class TestObjects(ObjectRows):
         """Read the (count, 3) outward unit normals at `points`."""
         return self.read("normals", object_id)[: self.count].astype(np.float64)
 
-    def area(self, object_id: str) -> float:
-        """Estimate the area of an object's surface, m², from distances between points: two sides of thin parts count once."""
-        return sampled_area(self.points(object_id))
-
     def table(self) -> Arrays:
         """Make the group `objects` of the schema."""
-        areas = [self.area(object_id) for object_id in self.object_ids]
+        areas = [sampled_area(self.points(object_id)) for object_id in self.object_ids]  # two sides of thin parts count once
         return {
             "object_id": np.array(self.object_ids),
             "category": np.array(self.categories),
@@ -94,7 +86,7 @@ class Case:
     firsts: tuple[int, ...]  # the first grasps whose figures the reconstruction gives
 
 
-class Reconstructor(ABC):
+class Method(ABC):
     """Reconstructs test objects in the cases that it has: a row of the tables."""
 
     name: str
@@ -121,19 +113,20 @@ class Reconstructor(ABC):
         return ()
 
 
-class Network(Reconstructor):
+class Network(Method):
     """A trained network."""
 
     def __init__(
         self,
         name: str,
-        model: reconstruction.Reconstructor,
+        model: Reconstructor,
         *,
         first_only: bool = False,  # only cases that begin with the first grasp: a fifth of the time of five grasps
         keeps_surfaces: bool = True,
     ) -> None:
         self.name, self.model, self.first_only, self.keeps_surfaces = name, model, first_only, keeps_surfaces
-        self.image, self.touch, self.charts, self.has_charts = model.image, model.touch, model.touch, model.has_charts
+        self.image, self.touch, self.charts = model.config.image, model.config.touch, model.config.touch
+        self.has_charts = model.has_charts
         self.inputs = {"image": self.image, "touch": self.touch}
 
     def cases(self, available: int, numbers: Sequence[int]) -> list[Case]:
@@ -187,7 +180,7 @@ class MeasuredCase:
 
 
 class Protocol(ABC):
-    """Choose the cases of reconstructors and the figures of their reconstructions."""
+    """Choose the cases of methods and the figures of their reconstructions."""
 
     stage: ClassVar[str]  # its name
 
@@ -198,21 +191,21 @@ class Protocol(ABC):
         training_arrays: Sequence[str],  # of the training objects, from which baselines retrieve
     ) -> None:
         self.job, self.settings = job, job.settings
-        self.objects = TestObjects(job.data, arrays, job.settings.points, self.stage)
+        self.objects = MeasuredObjects(job.data, arrays, job.settings.points, self.stage)
         self.training: ObjectRows | None = None
         with suppress(StoreError):  # there are none, or all of them failed
             self.training = ObjectRows(job.data, training_arrays, "train")
 
     @abstractmethod
-    def cases(self, reconstructor: Reconstructor) -> list[Case]:
-        """List the cases of a reconstructor."""
+    def cases(self, method: Method) -> list[Case]:
+        """List the cases of a method."""
 
     @abstractmethod
     def identity(self, object_id: str, case: Case) -> tuple[str | int, ...]:
-        """Name the draw of points from a reconstruction, for the random generator: the same for every reconstructor."""
+        """Name the draw of points from a reconstruction, for the random generator: the same for every method."""
 
     @abstractmethod
-    def figures(self, reconstructor: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
+    def figures(self, method: Method, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure the reconstruction of an object in a case: first grasp or view, metric and value."""
 
     @abstractmethod
@@ -237,40 +230,39 @@ def sample_reconstruction(
 
 
 def measure(
-    reconstructor: Reconstructor,
+    method: Method,
     protocol: Protocol,
     job: DatasetJob,  # batch size and seed
 ) -> tuple[list[Figure], Arrays]:  # figures, and the group below `predictions` or `meshes`, empty if no surfaces are kept
-    """Measure a reconstructor on the test objects; a `StageError` names a reconstruction that is not finite."""
-    objects, cases, size = protocol.objects, protocol.cases(reconstructor), job.settings.batch_size
-    kept_cases = cases if reconstructor.has_charts else [case for case in cases if case.first == 0]  # meshes are larger
+    """Measure a method on the test objects; a `StageError` names a reconstruction that is not finite."""
+    objects, cases, size = protocol.objects, protocol.cases(method), job.settings.batch_size
+    kept_cases = cases if method.has_charts else [case for case in cases if case.first == 0]  # meshes are larger
     rows: list[Figure] = []
     kept: list[Reconstruction] = []
     work = [(object_id, case) for object_id in objects.object_ids for case in cases]
-    with Meter(job.console, f"{protocol.stage} {reconstructor.name}", len(work), "reconstructions") as meter:
+    with Meter(job.console, f"{protocol.stage} {method.name}", len(work), "reconstructions") as meter:
         for start in range(0, len(work), size):
             batch = work[start : start + size]
-            for (object_id, case), made in zip(batch, reconstructor.reconstruct(objects, batch), strict=True):
+            for (object_id, case), made in zip(batch, method.reconstruct(objects, batch), strict=True):
                 # float32, in which it is stored and exported, so that measurements can be repeated from files
                 surface = replace(made, vertices=made.vertices.astype(np.float32).astype(np.float64))
                 identity = protocol.identity(object_id, case)
                 if not np.isfinite(surface.vertices).all():
-                    case_name = " ".join(map(str, (reconstructor.name, *identity)))
+                    case_name = " ".join(map(str, (method.name, *identity)))
                     raise StageError(f"the reconstruction of {case_name} holds NaN or infinity; was the model trained to the end?")
                 points, faces = sample_reconstruction(surface, objects.count, numpy_rng(job.seed, protocol.stage, *identity))
                 distances = cloud_distances(points, objects.points(object_id))
                 measured = MeasuredCase(object_id, case, surface, points, faces, distances, is_first=case is cases[0])
                 rows += [
-                    Figure(object_id, first, case.grasp_count, metric, value)
-                    for first, metric, value in protocol.figures(reconstructor, measured)
+                    Figure(object_id, first, case.grasp_count, metric, value) for first, metric, value in protocol.figures(method, measured)
                 ]
-                if reconstructor.keeps_surfaces and case in kept_cases:
+                if method.keeps_surfaces and case in kept_cases:
                     kept.append(surface)
                 meter.advance()
     if not kept:
         return rows, {}
     shape = (len(objects), len(kept_cases))
-    if reconstructor.has_charts:
+    if method.has_charts:
         vertices = np.array([surface.vertices[: surface.vision] for surface in kept], np.float32)
         faces = kept[-1].faces[(kept[-1].faces < kept[-1].vision).all(axis=1)]
         surfaces: Arrays = {"vertices": vertices.reshape(*shape, -1, 3), "faces": faces, "position": kept[-1].position}

@@ -28,10 +28,10 @@ from pipeline.kernels.touch.depth_maps import local_points
 from pipeline.kernels.vision.scene import Label
 from pipeline.models.reconstruction import close_reconstruction
 from pipeline.rng import numpy_rng
-from schemas.charts import STOP_RULES
+from schemas.charts import StopRule
 from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
-from stages.evaluate.measure import Case, MeasuredCase, Protocol, Reconstructor
+from stages.evaluate.measure import Case, MeasuredCase, Method, Protocol
 
 NEAR, NEAR_SHARE = 5e-3, 0.01
 """Distances of the F-scores: m, and a share of the object's diagonal."""
@@ -48,9 +48,9 @@ class GraspProtocol(Protocol):
 
     stage = "evaluate"
 
-    def __init__(self, job: DatasetJob, reconstructors: Sequence[Reconstructor]) -> None:
-        images = sorted({item.image for item in reconstructors if item.image is not None})
-        takes_touch, charts = (any(getattr(item, name) for item in reconstructors) for name in ("touch", "charts"))
+    def __init__(self, job: DatasetJob, methods: Sequence[Method]) -> None:
+        images = sorted({item.image for item in methods if item.image is not None})
+        takes_touch, charts = (any(getattr(item, name) for item in methods) for name in ("touch", "charts"))
         arrays = ["points", "normals", "sensor_pose", "touch_success", *images, *(["projection"] if images else [])]
         if takes_touch:
             arrays += ["depth", "untouched", *(["vertices", "residual", "iterations", "stop_rule"] if charts else [])]
@@ -64,18 +64,18 @@ class GraspProtocol(Protocol):
                 f"evaluate.grasps: {', '.join(missing)} skipped: the dataset holds {pluralise(self.grasps, 'grasp')} of each object "
                 "(simulate-grasps.grasps)"
             )
-        for item in reconstructors:
+        for item in methods:
             item.prepare(self, self.grasps)
 
-    def cases(self, reconstructor: Reconstructor) -> list[Case]:
+    def cases(self, method: Method) -> list[Case]:
         """List the cases of the dataset's grasps."""
-        return reconstructor.cases(self.grasps, self.settings.grasps)
+        return method.cases(self.grasps, self.settings.grasps)
 
     def identity(self, object_id: str, case: Case) -> tuple[str | int, ...]:
         """Name the draw of points by object and grasps."""
         return object_id, case.first, case.grasp_count
 
-    def figures(self, reconstructor: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
+    def figures(self, method: Method, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure the distances of a case; add its appearance if it is the first, and the rings around its touches if it has one grasp."""
         settings, case = self.settings, measured.case
         distances = self.distance_figures(measured.distances, measured.object_id)
@@ -86,7 +86,7 @@ class GraspProtocol(Protocol):
             distances |= {f"precision{suffix}": precision, f"recall{suffix}": recall, f"f1{suffix}": f1}
         yield from ((first, metric, value) for first in case.firsts for metric, value in distances.items())
         if measured.is_first:
-            appearance = self.appearance(measured) | self.closed(reconstructor, measured)
+            appearance = self.appearance(measured) | self.closed(method, measured)
             yield from ((case.first, metric, value) for metric, value in appearance.items())
         if case.grasp_count == 1:
             yield from self.rings(measured)
@@ -132,7 +132,7 @@ class GraspProtocol(Protocol):
             "crossing": float(crossing_faces(reconstruction.vertices, vision, reconstruction.position).mean()),
         }
 
-    def closed(self, reconstructor: Any, measured: MeasuredCase) -> dict[str, float]:
+    def closed(self, method: Any, measured: MeasuredCase) -> dict[str, float]:
         """Measure the overlap of the insides of the object and a reconstruction, closed if the settings ask for it.
 
         The figures are `watertight` (0 or 1) and, if the object's mesh is watertight, `iou`, which is 0 of an open
@@ -141,7 +141,7 @@ class GraspProtocol(Protocol):
         """
         object_id, reconstruction = measured.object_id, measured.reconstruction
         if self.settings.closed_resolution:
-            observation = reconstructor.observe(self.objects, object_id, measured.case)
+            observation = method.observe(self.objects, object_id, measured.case)
             vertices, faces = close_reconstruction(reconstruction, self.settings.closed_resolution, observation)
         elif reconstruction.is_whole and len(reconstruction.faces):
             vertices, faces = reconstruction.vertices, reconstruction.faces
@@ -198,10 +198,10 @@ class GraspProtocol(Protocol):
 def chart_residuals(
     residual: np.ndarray,  # (object, grasp, sensor) m
     iterations: np.ndarray,  # (object, grasp, sensor)
-    stop_rule: np.ndarray,  # (object, grasp, sensor) numbers of `STOP_RULES`
+    stop_rule: np.ndarray,  # (object, grasp, sensor) numbers of `StopRule`
 ) -> Arrays:  # the group `charts` of the schema `evaluation`
     """Summarise the residuals of touch charts by stop rule."""
-    masks_by_rule = {name: stop_rule == code for code, name in enumerate(STOP_RULES) if name != "no_touch" and (stop_rule == code).any()}
+    masks_by_rule = {rule.name: stop_rule == rule for rule in StopRule if rule != StopRule.no_touch and (stop_rule == rule).any()}
     masks_by_rule[TOTAL] = is_surface(stop_rule)
     masks = masks_by_rule.values()
     return {
@@ -223,7 +223,7 @@ class SingleImageProtocol(Protocol):
         super().__init__(job, arrays, arrays)
         self.views = min(self.settings.views, self.objects.size("rendering", "viewpoint"))
 
-    def cases(self, reconstructor: Reconstructor) -> list[Case]:
+    def cases(self, method: Method) -> list[Case]:
         """List the views."""
         return [Case(view, (), 1, (view,)) for view in range(self.views)]
 
@@ -231,7 +231,7 @@ class SingleImageProtocol(Protocol):
         """Name the draw of points by object and view."""
         return object_id, case.first
 
-    def figures(self, reconstructor: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
+    def figures(self, method: Method, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure the distances of a view."""
         figures = self.distance_figures(measured.distances, measured.object_id)
         yield from ((measured.case.first, metric, value) for metric, value in figures.items())
@@ -248,8 +248,7 @@ class SingleImageProtocol(Protocol):
 
     def distance_figures(self, distances: CloudDistances, object_id: str) -> dict[str, float]:
         """Compute the figures in the standard's unit, to which the diagonal that objects were scaled to is scaled, or the object's own."""
-        view = self.objects.surface(object_id)
-        if "metres_per_unit" in view and view["metres_per_unit"] > 0:
+        if self.objects.surface(object_id)["metres_per_unit"] > 0:
             diagonal = self.objects.diagonal(object_id)
         else:
             diagonal = self.objects.attributes("surfaces")["settings"]["diagonal"]

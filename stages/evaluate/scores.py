@@ -1,4 +1,4 @@
-"""Scores: reconstructors other than the networks of a data directory, measured as `evaluate` measures these, into DATA/scores/NAME."""
+"""Scores: methods other than the networks of a data directory, measured as `evaluate` measures these, into DATA/scores/NAME."""
 
 import hashlib
 import re
@@ -18,9 +18,10 @@ from pipeline.engine.plan import Request
 from pipeline.engine.stage import Cost, DatasetJob
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_companions import Companions
-from pipeline.models.families import ROWS, load_reconstructor, load_rows, model_name, rows_of, trained_folder
+from pipeline.models.device import device_of
+from pipeline.models.families import ROWS, load_reconstructor, load_rows, model_record, rows_of, trained_folder
 from pipeline.models.observation import stored_camera
-from pipeline.models.reconstruction import Reconstructor as Model
+from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.shipped_weights import DEFAULT, SHIPPED, read_card, shipped_models
 from pipeline.store import digest
 from pipeline.store.digest import hashes_of
@@ -28,7 +29,6 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import withdraw
 from pipeline.store.record import library_versions
 from pipeline.store.storage import Location
-from pipeline.training.device import device_of
 from schemas.base import Artifact
 from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
@@ -36,9 +36,10 @@ from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import METHOD_NAME, SHIPPED_ROWS, SHIPPED_SCORES, evaluations, read_root
-from stages.evaluate.files import SUFFIXES, Files, surface_files
-from stages.evaluate.measure import Network, Reconstructor
-from stages.evaluate.stage import Evaluate, GraspMeasuringSettings, artifacts_of
+from stages.evaluate.measure import Method, Network
+from stages.evaluate.protocols import GraspProtocol
+from stages.evaluate.scored_files import SUFFIXES, Files, surface_files
+from stages.evaluate.stage import Evaluation, GraspMeasuringSettings, artifacts_of
 
 
 class ScoreSettings(GraspMeasuringSettings):
@@ -58,24 +59,23 @@ class ShippedSettings(GraspMeasuringSettings):
     learned_from: tuple[str, ...] = setting((), "test objects that it has learned from", changes="definition")
 
 
-class Score(Evaluate):
-    """Measure reconstructors with the draws of `evaluate`, so that a network's own meshes get its own figures."""
+class Score(Evaluation):
+    """Measure methods with the draws of `evaluate`, so that a network's own meshes get its own figures."""
 
     name = "score"
+    summary = "Reconstructions by any method, measured as `evaluate` measures networks."
+    settings_type = GraspMeasuringSettings
 
     def __init__(
         self,
         folder: str,  # to fill, below the data directory
-        reconstructors: Sequence[Reconstructor],
+        methods: Sequence[Method],
         artifacts: Sequence[Artifact],  # that they and the baselines beside them take, apart from surfaces and grasps
     ) -> None:
-        self.folder, self.measured, self.artifacts = folder, reconstructors, artifacts
+        self.folder, self.measured, self.artifacts = folder, methods, artifacts
 
     def inputs(self, settings: Any) -> tuple[Artifact, ...]:
         return (SURFACES, GRASPS, *self.artifacts)
-
-    def networks(self, settings: Any) -> dict[str, str]:
-        return {}
 
     def writes(self, settings: Any) -> str:
         return self.folder
@@ -84,8 +84,11 @@ class Score(Evaluate):
         """Estimate a second and 200 kB per object: five reconstructions of a fifth of them."""
         return Cost(seconds=objects, kilobytes=200 * objects)
 
-    def reconstructors(self, job: DatasetJob) -> Sequence[Reconstructor]:
+    def methods(self, job: DatasetJob) -> Sequence[Method]:
         return self.measured
+
+    def protocol(self, job: DatasetJob, methods: Sequence[Method]) -> GraspProtocol:
+        return GraspProtocol(job, methods)
 
     def attributes(self, job: DatasetJob, protocol: Any) -> dict[str, Any]:
         """Return the version, for those who cite the score."""
@@ -175,8 +178,6 @@ def score_shipped(data: Location, console: Console) -> list[str]:
 
 def learned_objects(directory: DataDirectory) -> tuple[str, ...]:
     """Name the test objects that the pretrained network has learned from."""
-    if not directory.collection(SURFACES).first.has("source_file"):  # older datasets
-        return ()
     manifests = map(load_manifest, read_card(DEFAULT).learned_from)
     learned = {identity(item.source) for manifest in manifests for item in manifest.objects(None) if item.split == "train"}
     rows = ObjectRows(directory.root, ["source_file", "source_sha256"], "test")
@@ -190,7 +191,7 @@ def shipped_folder() -> Path:
 
 def shipped_digest() -> str:
     """Compute the SHA-256 of its record, which names every file of the weights by its digest; empty if there is none."""
-    record = SHIPPED / f"{model_name(DEFAULT).removeprefix('models/')}.json"
+    record = SHIPPED / model_record(DEFAULT)
     return hashlib.sha256(record.read_bytes()).hexdigest() if record.exists() else ""
 
 
@@ -207,7 +208,7 @@ def fitting_rows(directory: DataDirectory) -> tuple[list[str], list[str]]:
     return rows, [f"{kind}: {why}" for kind, why in reasons.items()]
 
 
-def _missing_inputs(directory: DataDirectory, model: Model) -> dict[str, str]:
+def _missing_inputs(directory: DataDirectory, model: Reconstructor) -> dict[str, str]:
     """Name the inputs that the dataset cannot give the network, with the reason."""
     images, charts = directory.collection(VISION), directory.collection(CHARTS)
     missing: dict[str, str] = {}

@@ -28,7 +28,7 @@ from schemas.vision import VISION
 from stages.evaluate.evaluation_files import METRICS, Arrays, Figure, Figures, evaluation_name, long_table, write_evaluation
 
 if TYPE_CHECKING:
-    from stages.evaluate.measure import Protocol, Reconstructor
+    from stages.evaluate.measure import Method, Protocol
 
 MEASURED = "measured"
 """Folder of the row files of finished networks, which a killed run leaves."""
@@ -111,16 +111,16 @@ class SingleImageEvaluationSettings(MeasuringSettings):
 
 
 class Evaluation(DatasetStage):
-    """Measure networks or other reconstructors by a protocol."""
+    """Measure networks, or other methods, by a protocol."""
 
     keeps_surfaces: ClassVar[bool] = True
 
-    @abstractmethod
     def networks(self, settings: Any) -> dict[str, str]:
-        """Name the model of each network that is measured, a row of the tables each."""
+        """Name the model of each network that is measured, a row of the tables each; by default none."""
+        return {}
 
     @abstractmethod
-    def protocol(self, job: DatasetJob, reconstructors: "Sequence[Reconstructor]") -> "Protocol":
+    def protocol(self, job: DatasetJob, methods: "Sequence[Method]") -> "Protocol":
         """Open the objects and choose what is measured of reconstructions."""
 
     def models(self, settings: Any) -> tuple[str, ...]:
@@ -131,9 +131,9 @@ class Evaluation(DatasetStage):
         """Name the split that is measured, and the one that baselines retrieve from."""
         return ("train", "test")
 
-    def reconstructors(self, job: DatasetJob) -> "Sequence[Reconstructor]":
+    def methods(self, job: DatasetJob) -> "Sequence[Method]":
         """Load what is measured."""
-        from pipeline.training.device import device_of
+        from pipeline.models.device import device_of
         from stages.evaluate.measure import Network
 
         folders = {name: job.models[model] for name, model in self.networks(job.settings).items()}
@@ -146,16 +146,16 @@ class Evaluation(DatasetStage):
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Measure one network or method after the other, then the baselines; write all figures and their means."""
-        from pipeline.training.device import torch_threads
+        from pipeline.models.device import torch_threads
         from stages.evaluate.measure import has_paper_sizes
 
-        reconstructors = self.reconstructors(job)
-        protocol = self.protocol(job, reconstructors)
+        methods = self.methods(job)
+        protocol = self.protocol(job, methods)
         rows = protocol.objects
         figures: dict[str, Figures] = {}
         groups: dict[str, Mapping[str, Any]] = {"objects": protocol.objects.table(), **protocol.extra()}
         with torch_threads(job.settings.threads):
-            for item in reconstructors:
+            for item in methods:
                 measured, surfaces = _measured(item, protocol, job)
                 figures[item.name] = Figures(rows.object_ids, measured)
                 for remark in item.remarks():
@@ -166,7 +166,7 @@ class Evaluation(DatasetStage):
             "settings": job.settings.results(),
             "seed": job.seed,
             "split": rows.split,
-            "configurations": {item.name: item.inputs for item in reconstructors},
+            "configurations": {item.name: item.inputs for item in methods},
             "failed": rows.failed,
             "training_objects": len(protocol.training or ()),
             "paper_sizes": has_paper_sizes(job.data),
@@ -183,7 +183,7 @@ class Evaluation(DatasetStage):
         return {"objects": len(rows), "failed": len(rows.failed), "training": training}
 
 
-def _measured(item: "Reconstructor", protocol: "Protocol", job: DatasetJob) -> tuple[list[Figure], Arrays]:
+def _measured(item: "Method", protocol: "Protocol", job: DatasetJob) -> tuple[list[Figure], Arrays]:
     """Read figures and surfaces from the row file of a killed run, or measure them and write them to one."""
     from stages.evaluate.measure import measure
 
@@ -210,7 +210,7 @@ class Evaluate(Evaluation):
 
     name = "evaluate"
     summary = "Every trained model on the test objects: the supplement's tables, beside its figures."
-    settings_type: ClassVar[type[GraspMeasuringSettings]] = EvaluationSettings
+    settings_type = EvaluationSettings
 
     def inputs(self, settings: EvaluationSettings) -> tuple[Artifact, ...]:
         """Name the artifacts that the networks take, and the grasps, around whose touch sites each is measured."""
@@ -228,10 +228,10 @@ class Evaluate(Evaluation):
         reconstructions = 12 * len(settings.configurations) * objects / 5
         return Cost(seconds=0.1 * reconstructions, kilobytes=15 * reconstructions)
 
-    def protocol(self, job: DatasetJob, reconstructors: "Sequence[Reconstructor]") -> "Protocol":
+    def protocol(self, job: DatasetJob, methods: "Sequence[Method]") -> "Protocol":
         from stages.evaluate.protocols import GraspProtocol
 
-        return GraspProtocol(job, reconstructors)
+        return GraspProtocol(job, methods)
 
 
 class EvaluateSingleImage(Evaluation):
@@ -255,7 +255,7 @@ class EvaluateSingleImage(Evaluation):
         """Estimate a fifth of the objects, 0.3 s per view."""
         return Cost(seconds=0.06 * settings.views * objects, kilobytes=0.1 * objects)
 
-    def protocol(self, job: DatasetJob, reconstructors: "Sequence[Reconstructor]") -> "Protocol":
+    def protocol(self, job: DatasetJob, methods: "Sequence[Method]") -> "Protocol":
         from stages.evaluate.protocols import SingleImageProtocol
 
         return SingleImageProtocol(job)

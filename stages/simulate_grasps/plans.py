@@ -8,13 +8,15 @@ import numpy as np
 
 from pipeline.kernels.arrays import Array, Indices
 from pipeline.kernels.geometry.transforms import compose, invert_pose
-from pipeline.kernels.hand.distance_field import finger_clearance, gaps, gel_contact, gel_probes, near_gaps
-from pipeline.kernels.hand.grasp import measure_contact
+from pipeline.kernels.hand.distance_field import finger_clearance, gel_contact, gel_probes, near_gaps
+from pipeline.kernels.hand.grasp import contact_from_depth
 from pipeline.kernels.hand.grasp_ik import GraspChoices, fingers_fit, grasp_ik
+from pipeline.kernels.hand.grid_loops import gaps
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.load_residual import NO_SUPPORT, Support, best_supporting_grasp
 from pipeline.kernels.hand.pinches import WIDTH_STEP, OpposedPostures, antipodal_points, central_weights
 from pipeline.kernels.hand.pregrasp import frame_along, tangent_palm_pose
+from pipeline.kernels.touch.ray_depth import ray_depth
 from stages.simulate_grasps.prepare import CLEARANCE, PreparedHand, PreparedObject
 from stages.simulate_grasps.stage import GraspSettings
 
@@ -25,6 +27,7 @@ MAX_DRAWS = 4  # times that `DRAWS` poses are drawn; then a pose is drawn as for
 FINGER_ROOM = -0.003  # m by which the two fingers may overlap the object in a drawn posture: the inverse kinematics corrects it
 GEL_DISTANCE = 0.002  # m, largest distance of their gels from the object in a drawn posture
 WEIGHED_CHOICES = 128  # most choices of fingers' postures whose contacts are evaluated
+BATCHES = (1, 8, 32)  # choices after which the evaluation checks whether the best one can still be surpassed
 
 Posture = tuple[Array, Array]
 """A hand's pose (4, 4) and joint angles (J,)."""
@@ -93,7 +96,7 @@ class HoldPlanner(TouchPlanner):
             number, best = self._lightest(choices, best)
             if number >= 0:
                 plan = pose, choices.joint_angles(number)
-            if best == (0, len(self.prepared_hand.sensors)):  # no plan can surpass it
+            if self._is_perfect(best):
                 break
         return plan
 
@@ -135,17 +138,31 @@ class HoldPlanner(TouchPlanner):
 
     def _lightest(self, choices: GraspChoices, best: Support) -> tuple[int, Support]:
         """Select the choice that carries the object best: its number and support; -1 and `best` if none surpasses `best`."""
-        hand, sensors = self.prepared_hand.hand, self.prepared_hand.sensors
+        hand, number = self.prepared_hand.hand, -1
         owners = hand.sensor_fingers
-        options = np.where(owners >= 0, choices.picks[:WEIGHED_CHOICES, owners], 0)  # (N, S) that each sensor's finger takes
-        poses = sensor_poses_from_links(hand, choices.frames)  # (O, S, 4, 4)
-        points, normals = np.zeros((2, *poses.shape[:2], 3))
-        touching = np.zeros(poses.shape[:2], bool)
-        for sensor in range(len(sensors)):
-            for option in np.unique(options[:, sensor]):
-                contact = measure_contact(self.prepared_object.faces, poses[option, sensor], sensors[sensor])
+        picks = choices.picks[:WEIGHED_CHOICES]
+        options = np.where(owners >= 0, picks[:, owners], 0)  # (N, S)
+        points, normals = np.zeros((2, len(choices.options), len(owners), 3))
+        touching, measured = np.zeros((2, *points.shape[:2]), bool)
+        poses = sensor_poses_from_links(hand, choices.frames)
+        for batch in np.split(np.arange(len(picks)), [end for end in BATCHES if end < len(picks)]):
+            of_batch = options[batch], np.arange(len(owners))
+            needed = np.zeros_like(measured)
+            needed[of_batch] = True
+            for option, sensor in np.argwhere(needed & ~measured).tolist():
+                pose, worn = poses[option, sensor], self.prepared_hand.sensors[sensor]
+                contact = contact_from_depth(ray_depth(self.prepared_object.faces, pose, worn), pose, worn)
                 if contact is not None:
                     points[option, sensor], normals[option, sensor] = contact.point - self.centre, contact.normal
                     touching[option, sensor] = True
-        taken = options, np.arange(len(sensors))
-        return best_supporting_grasp(points[taken], normals[taken], touching[taken], hand.friction, best)
+            measured |= needed
+            row, best = best_supporting_grasp(points[of_batch], normals[of_batch], touching[of_batch], hand.friction, best)
+            if row >= 0:
+                number = int(batch[row])
+            if self._is_perfect(best):
+                break
+        return number, best
+
+    def _is_perfect(self, support: Support) -> bool:
+        """Check whether no plan can surpass a support."""
+        return support == (0, len(self.prepared_hand.sensors))

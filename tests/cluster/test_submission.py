@@ -108,7 +108,7 @@ def test_task_states_come_from_slurm_or_from_files_of_the_task(programs, tmp_pat
     }
     imitate(programs, "sacct", said="1_2|OUT_OF_MEMORY\n2|CANCELLED by 1000")
     assert {task: state[1] for task, state in states(tmp_path).items()} == {
-        **{"1_0": "", "1_1": "exit status 3", "1_2": "OUT_OF_MEMORY", "2": "CANCELLED"},
+        **{"1_0": "", "1_1": "exit status 3", "1_2": "OUT_OF_MEMORY", "2": "CANCELLED"}
     }
 
 

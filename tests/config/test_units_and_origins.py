@@ -6,23 +6,18 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipeline.cli import app
 from pipeline.console import abbreviate
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.formats.mesh_reader import load_mesh
-from tests.test_cli import invoke
+from tests.command_line import invoke, vt
 
 CORNERS = np.array([[0, 0, 0], [30, 0, 0], [0, 20, 0], [0, 0, 10.0]])
 FACES = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
 
-assert app
-
 
 def run(folder: Path, data: Path, *more: str) -> str:
     command = ["run", "sample-surfaces", "--manifest", "directory", "--objects", str(folder), "--data", str(data), "--set", "points=100"]
-    code, output = invoke(*command, "--executor", "serial", *more)
-    assert code == 0, output
-    return output
+    return vt(*command, "--executor", "serial", *more)
 
 
 @pytest.fixture
@@ -63,14 +58,9 @@ def test_file_with_a_unit_among_files_without_is_warned_of(folder: Path, tmp_pat
     trimesh.Trimesh(CORNERS / 100, FACES, process=False).export(folder / "mug.glb")
     mixed = "warning: sizes are mixed: 1 object (mug) not scaled, because files or manifest state a unit; write a manifest with a folder"
     look = ["check", "directory", "--picture", str(tmp_path / "a.png")]
-    for command in (
-        look,
-        ["run", "sample-surfaces", "--manifest", "directory", "--data", str(tmp_path / "d"), "--dry-run"],
-    ):
-        _, output = invoke(*command, "--objects", str(folder))
-        assert mixed in output
-    _, output = invoke(*look, "--objects", str(folder), "--units", "cm")
-    assert "sizes are mixed" not in output
+    for command in (look, ["run", "sample-surfaces", "--manifest", "directory", "--data", str(tmp_path / "d"), "--dry-run"]):
+        assert mixed in invoke(*command, "--objects", folder)[1]
+    assert "sizes are mixed" not in vt(*look, "--objects", str(folder), "--units", "cm")
 
 
 def test_files_that_are_not_meshes_are_reported_with_the_reason(folder: Path, tmp_path: Path) -> None:

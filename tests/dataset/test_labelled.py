@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 import xarray
 
+from pipeline.config.settings import Settings
 from pipeline.dataset.labelled import open_artifact
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.plan import Request
 from pipeline.store.directory import DataDirectory
+from pipeline.store.validate import problems_of
 from schemas.touch import TOUCH
+from tests.engine.tiny_stages import pack
 from tests.stages import ball_dataset
 
 OBJECTS = ("a", "b", "c", "d")
@@ -66,3 +70,12 @@ def test_opened_artifact_is_written_as_netcdf_with_nested_attributes_as_json(dat
         assert copy.attrs == grasps.attrs
     assert json.loads(grasps.attrs["failures"]) == {}
     assert json.loads(grasps.attrs["settings"]) == {"hand": "allegro_right"}
+
+
+@pytest.mark.parametrize("number", [0, 1], ids=["surfaces", "grasps"])
+def test_shard_in_which_every_object_failed_has_every_required_array(tmp_path: Path, number: int) -> None:
+    for stage in ball_dataset.stages()[: number + 1]:
+        request = Request(stage, Settings(), "balls", ball_dataset.objects(2), "draft", 0, tmp_path)
+        pack(request, stage.row, "ab" if stage.output.order == number else "")
+    assert open_artifact(tmp_path, stage.output.name).ok.values.tolist() == [False, False]
+    assert not problems_of(DataDirectory(tmp_path).collection(stage.output).first)

@@ -180,21 +180,18 @@ def test_an_artifact_with_a_damaged_label_is_not_opened(data, tmp_path, label):
 
 
 @pytest.mark.parametrize("sensors", [[], None, [{"name": "x", "width": "wide"}]])
-def test_unusable_sensor_attributes_are_refused(data, monkeypatch, sensors):
+def test_unusable_sensor_attributes_are_refused(data, sensors):
     rows = ObjectRows(data, ["tactile_image"], "test")
-    monkeypatch.setattr(ObjectRows, "attributes", lambda self, artifact: {"sensors": sensors})
+    rows.collections["touch"].first.attributes = {"sensors": sensors}
     with pytest.raises(StoreError, match=r"its sensor cannot be used .*--check"):
         rows.sensor()
 
 
-def test_hand_with_different_sensors_has_no_single_sensor(data, monkeypatch):
+def test_hand_with_different_sensors_has_no_single_sensor(data):
     rows = ObjectRows(data, ["tactile_image"], "test")
     sensor_entry = rows.attributes("touch")["sensors"][0]
-    monkeypatch.setattr(
-        ObjectRows,
-        "attributes",
-        lambda self, artifact: {"sensors": [sensor_entry, {**sensor_entry, "name": "thin", "w": sensor_entry["w"] / 2}]},
-    )
+    thin = {**sensor_entry, "name": "thin", "w": sensor_entry["w"] / 2}
+    rows.collections["touch"].first.attributes = {"sensors": [sensor_entry, thin]}
     assert [sensor.w for sensor in rows.sensors()] == [sensor_entry["w"], sensor_entry["w"] / 2]
     with pytest.raises(StoreError, match=r"the fingers wear different sensors \(gel_16mm, thin\).* needs a hand that wears one"):
         rows.sensor()

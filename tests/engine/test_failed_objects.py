@@ -5,10 +5,10 @@ import stat
 
 import pytest
 
-from pipeline.config.manifest import Object
+from pipeline.config.sources import Object
 from pipeline.engine.make import make
 from pipeline.engine.worker_processes import WorkerProcesses
-from pipeline.errors import BugFound, InvalidInput
+from pipeline.errors import BugFound, InvalidInput, StoreError
 from tests.engine.tiny_stages import CONSOLE, MEAN, TakeMean, leave_row, objects, plan_of, published, request, run
 
 
@@ -97,6 +97,19 @@ def test_bug_is_reported_with_its_traceback_and_the_others_are_processed(tmp_pat
     assert message in str(caught.value)
     assert not len(published(tmp_path))
     assert run(request(tmp_path)) == 1, "the rows of the others are kept"
+
+
+def test_damage_that_a_stage_finds_in_its_input_ends_the_run_and_is_no_bug(tmp_path):
+    with pytest.raises(StoreError, match="its sensor cannot be used"):
+        run(request(tmp_path, items=objects(2, b="lost")))
+
+
+def test_forecast_takes_no_mean_over_objects_that_failed_before_and_took_no_time(tmp_path):
+    run(request(tmp_path, items=objects(1, a="bad")))
+    run(request(tmp_path, stage=TakeMean(), items=objects(1, a="bad")))
+    run(request(tmp_path, items=objects(2, a="bad")))
+    (foreseen,) = make(request(tmp_path, stage=TakeMean(), items=objects(2, a="bad")), CONSOLE, dry_run=True)
+    assert foreseen.seconds == TakeMean().cost(None).seconds > 0
 
 
 def test_shard_of_failed_objects_is_valid(tmp_path):

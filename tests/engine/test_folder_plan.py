@@ -108,7 +108,7 @@ def test_hidden_files_are_kept_until_a_folder_is_finished_and_are_not_published(
 
     run(request(tmp_path))
     with monkeypatch.context() as during:
-        during.setattr("pipeline.engine.folder.hashes_of", killed)
+        during.setattr("pipeline.engine.folder_plan.hashes_of", killed)
         with pytest.raises(KeyboardInterrupt):
             make(tmp_path, Learns())
     assert list(tmp_path.glob(".work/models/average/*/.checkpoint"))

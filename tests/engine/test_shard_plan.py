@@ -11,7 +11,7 @@ from unittest.mock import Mock, patch
 import numpy as np
 import pytest
 
-from pipeline.config.manifest import Object
+from pipeline.config.sources import Object
 from pipeline.dataset.labelled import open_artifact
 from pipeline.engine.executor import Serial
 from pipeline.engine.make import make, plans

@@ -15,14 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.config.manifest import Object
 from pipeline.config.settings import ObjectSettings, setting
+from pipeline.config.sources import Object
 from pipeline.console import console_on
 from pipeline.engine.executor import Serial, Work
 from pipeline.engine.make import make, plans
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage, Inputs, ObjectStage, Unit
-from pipeline.errors import InvalidInput, StageError
+from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import Collection, DataDirectory
 from pipeline.store.publish import commit_folder
@@ -91,6 +91,8 @@ class MakeNoise(_TinyStage):
                     raise InvalidInput("not yet")
                 case "bad":
                     raise InvalidInput("it is bad; make it good")
+                case "lost":
+                    raise StoreError("its sensor cannot be used")
                 case "bug":
                     raise ZeroDivisionError("a fault of ours")
                 case "memory":
@@ -295,7 +297,8 @@ def publish(data: Path, name: str, folder: Path, stage: str, facts: dict[str, An
         **{"seed": 0, "manifest": "tiny", "models": {}, "versions": {}, "processor": {}, "splits": (), "inputs": {}},
         **{"facts": facts or {}, "seconds": 1.5, "files": hashes_of(folder)},
     )
-    return commit_folder(DataDirectory(data), name, folder, record)
+    commit_folder(DataDirectory(data), name, folder, record)
+    return DataDirectory(data).folder_path(name)
 
 
 def published(data: Path, artifact: Artifact = NOISE) -> Collection:

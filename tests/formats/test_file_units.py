@@ -105,5 +105,5 @@ def test_other_files_state_no_unit(tmp_path: Path) -> None:
 def test_urdf_scale_multiplies_the_unit_of_its_collada_file(tmp_path: Path) -> None:
     collada(tmp_path / "box.dae", "<unit meter='0.001'/>")
     element = fromstring("<visual><geometry><mesh filename='box.dae' scale='2 1 1'/></geometry></visual>")
-    shape = shape_of(element, tmp_path, {})
+    shape = shape_of(element, tmp_path, {}, read=lambda file, package: (load_mesh(file, package), ()))
     np.testing.assert_allclose(np.ptp(shape.mesh.vertices, axis=0), [0.06, 0.02, 0.01], atol=1e-9)  # its axes are the link's

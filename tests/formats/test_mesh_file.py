@@ -77,7 +77,7 @@ def test_vertex_colours_stay_with_their_vertices(tmp_path, suffix):
     ("name", "content", "reason"),
     [
         ("empty.obj", b"", "empty.obj is an empty file"),
-        ("text.obj", b"Dear reader,\nthis is a letter.\n", "text.obj holds no triangle mesh|text.obj cannot be read as OBJ"),
+        ("text.obj", b"Dear reader,\nthis is a letter.\n", "text.obj: it holds no triangle mesh|text.obj cannot be read as OBJ"),
         ("points.ply", POINTS, "no triangle"),
         ("cut.stl", b"solid", "cut.stl"),
         ("noise.glb", bytes(range(256)), "cannot be read as GLB"),

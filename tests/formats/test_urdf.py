@@ -109,7 +109,12 @@ def finger(folder: Path, shape: str = CAPSULE, kind: str = "prismatic", rpy: str
 
 @pytest.mark.parametrize("role", ["visual", "collision"])
 def test_capsule_is_a_cylinder_with_half_spheres_at_its_ends(role: str, tmp_path: Path) -> None:
-    shape = shape_of(ElementTree.fromstring(f"<{role}><geometry>{CAPSULE}</geometry></{role}>"), tmp_path, {})
+    shape = shape_of(
+        ElementTree.fromstring(f"<{role}><geometry>{CAPSULE}</geometry></{role}>"),
+        tmp_path,
+        {},
+        read=lambda file, package: pytest.fail("it is no mesh"),
+    )
     mesh = trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces)
     assert (shape.kind, shape.size) == ("capsule", (RADIUS, LENGTH))
     np.testing.assert_allclose(mesh.bounds[1], [RADIUS, RADIUS, LENGTH / 2 + RADIUS], atol=1e-9)

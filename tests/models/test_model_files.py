@@ -15,7 +15,7 @@ from pipeline.errors import StoreError
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models.model_files import load_network, read_description, save_model
-from pipeline.models.reconstructors import DeformationReconstructor
+from pipeline.models.reconstruction import DeformationReconstructor
 from pipeline.models.touch_model import load_touch_model, save_touch_model
 from tests.stages import ball_dataset as spheres
 

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.kernels.charts.touch_chart import StopRule
 from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.models.observation import Observation, stored_observation
-from pipeline.models.reconstruction import Reconstructor
-from pipeline.models.reconstructors import DeformationReconstructor
+from pipeline.models.reconstruction import DeformationReconstructor, Reconstructor
+from schemas.charts import StopRule
 from tests.stages import ball_dataset as spheres
 
 SPHERE = vision_charts(0)
@@ -61,11 +60,7 @@ def test_observations_that_do_not_match_the_model_are_refused(models: dict[str, 
         ("touch", [], "observations is empty"),
         ("touch", [nowhere], "touch_vertices has values that are not finite"),
         ("unoccluded", [Observation(image)], r"unoccluded was trained on images of .* these have \[1, 1\]"),
-        (
-            "unoccluded",
-            [Observation(np.zeros((size, size, 3), np.float32))],
-            r"images are .* torch.float32; stored images are",
-        ),
+        ("unoccluded", [Observation(np.zeros((size, size, 3), np.float32))], r"images are .* torch.float32; stored images are"),
     ):
         with pytest.raises(ValueError, match=message):
             models[name].reconstruct(views)

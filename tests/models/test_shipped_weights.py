@@ -15,14 +15,7 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models import shipped_weights
-from pipeline.models.shipped_weights import (
-    SENSORS,
-    card_path,
-    models_location,
-    read_card,
-    shipped_models,
-    shipped_sensor_network,
-)
+from pipeline.models.shipped_weights import SENSORS, card_path, models_location, read_card, shipped_models, shipped_sensor_network
 from pipeline.models.touch_model import save_touch_model
 from pipeline.real_touch import TouchReader
 from pipeline.reconstruct.predict import PredictOptions

@@ -1,5 +1,6 @@
 """A hand of two fingers without shape, whose gels face each other 0.1 m above the palm, and what it pinches."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,7 +54,7 @@ def pinch(mesh: Mesh, force: float, *, wider: float = 0.0, squeeze: float = 0.0)
 
 def slips(engine: type[HoldTest], hand: Hand, mesh: Mesh, *, friction: float, down: tuple[float, float, float] = (0.0, 0.0, -1.0)) -> bool:
     acceleration = -GRAVITY * np.array(down) / np.linalg.norm(down)
-    with engine(hand, [SENSOR, SENSOR], mass=MASS, friction=friction) as test:
+    with engine(replace(hand, friction=friction), [SENSOR, SENSOR], mass=MASS) as test:
         test.load(mesh, points_on(mesh, 2000, seed=0)[0])
         return test.hold(pinch(mesh, FORCE), acceleration=acceleration.tolist(), limit=0.01).moved > 0.01
 

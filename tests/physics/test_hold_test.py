@@ -9,10 +9,10 @@ import trimesh
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.hand.grasp import Contact, Grasp, measure_contact
+from pipeline.kernels.hand.grasp import Contact, Grasp, contact_from_depth
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.touch.ray_depth import box_faces
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.sensor import Gel
 from pipeline.physics.hold_test import GEL_MODULUS, GRAVITY, OVERLAP, REST, WITHIN, HoldTest, Motion, Track, gel_spring, is_held
 from tests.kernels.hand.meshes import centred, points_on
@@ -35,7 +35,7 @@ def lifted(mesh: Mesh, *, mass: float, sideways: float = 0.0, engine: type[HoldT
     """Grip a post from its side, the gels pressed in by 2 mm; with the gripper moved sideways only the right finger touches."""
     angles = np.array([WIDTH / 2 + SENSOR.w - PRESSED + sideways])
     pose, faces = gripping_pose(sideways), box_faces(mesh.triangles)
-    contacts = [measure_contact(faces, sensor_pose, SENSOR) for sensor_pose in sensor_poses(GRIPPER, pose, angles)]
+    contacts = [contact_from_depth(ray_depth(faces, at, SENSOR), at, SENSOR) for at in sensor_poses(GRIPPER, pose, angles)]
     with engine(GRIPPER, [SENSOR, SENSOR], mass=mass) as test:
         test.load(mesh, points_on(mesh, 2000, seed=0)[0])
         return test.hold(Grasp(pose, angles, angles, angles, np.empty((0, 4, 4)), contacts)).moved <= 0.05

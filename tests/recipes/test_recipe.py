@@ -38,12 +38,7 @@ TEXTS = [
 """Files among them that the recipe holds as text."""
 FILES = ["gels/untouched.png", "robot/meshes/material_0.png", "robot/meshes/palm.obj"]
 """Files of which it holds the SHA-256."""
-QUICK = (
-    "sample-surfaces.points=300",
-    "simulate-grasps.attempts=3",
-    "simulate-grasps.grasps=2",
-    "simulate-grasps.ik_samples=64",
-)
+QUICK = ("sample-surfaces.points=300", "simulate-grasps.attempts=3", "simulate-grasps.grasps=2", "simulate-grasps.ik_samples=64")
 ASSETS = Path(pipeline.__file__).parent / "assets"
 STAGES = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
 
@@ -159,8 +154,7 @@ def test_dataset_remade_in_other_shards_is_equal(remade: tuple[Path, str]) -> No
 @pytest.mark.slow
 def test_dataset_remade_by_two_workers_is_equal(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
     options = [option for option in options_of(remade[0], tmp_path / "d") if option not in ("--executor", "serial")]
-    output = vt("remake", published, *options, "--workers", 2, "--shards", 2)
-    assert "12 rows compared, all equal" in output
+    assert "12 rows compared, all equal" in vt("remake", published, *options, "--workers", 2, "--shards", 2)
 
 
 def test_recipe_is_small_and_survives_a_round_trip(published: Path, tmp_path: Path) -> None:
@@ -187,8 +181,7 @@ def test_full_digests_are_written_with_rows(published: Path, tmp_path: Path) -> 
 def test_published_rows_are_compared_without_computing(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
     assert "12 rows compared, all equal" in vt("validate", published.parent / "data", "--recipe", published)
     other = change_recipe(published, tmp_path, lambda content: content.update(objects=_other_digest(content["objects"], "ball", 1)))
-    output = vt("validate", remade[0] / "data", "--recipe", other, fails=True)
-    assert "simulate-grasps: other rows of ball" in output
+    assert "simulate-grasps: other rows of ball" in vt("validate", remade[0] / "data", "--recipe", other, fails=True)
 
 
 def test_sample_is_made_and_compared(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
@@ -223,8 +216,7 @@ def test_missing_and_extra_sources_are_named(published: Path, remade: tuple[Path
     assert read_recipe(published).rows["ball"].source in output
     shutil.copytree(remade[0] / "mine", tmp_path / "mine", dirs_exist_ok=True)
     trimesh.creation.box().export(tmp_path / "mine" / "another.ply")
-    output = vt("remake", published, *options, fails=True)
-    assert "1 object not in the recipe (another)" in output
+    assert "1 object not in the recipe (another)" in vt("remake", published, *options, fails=True)
 
 
 @pytest.mark.parametrize("sealed", [False, True])
@@ -280,8 +272,7 @@ def test_dataset_of_other_inputs_or_without_rows_has_no_recipe(published: Path, 
     manifest.write_text(manifest.read_text().replace("CC0", "CC-BY-4.0"))
     output = vt("recipe", tmp_path / "p" / "data", "--manifest", manifest, fails=True)
     assert "has licence 'CC0' and file 'ball.ply' there, and others in the manifest; delete that folder" in output
-    output = vt("recipe", tmp_path, fails=True)
-    assert "sample-surfaces has made nothing here" in output
+    assert "sample-surfaces has made nothing here" in vt("recipe", tmp_path, fails=True)
 
 
 def test_recipe_without_images_can_be_remade_and_one_without_what_a_stage_reads_cannot(published: Path, remade: tuple[Path, str]) -> None:

@@ -1,4 +1,4 @@
-"""Mesh files of reconstructions: accuracy, joined charts, and vertices that are refused."""
+"""Mesh files of reconstructions: accuracy, joined charts, vertices that are refused, and the colours that an image shows."""
 
 from pathlib import Path
 
@@ -10,8 +10,9 @@ from pipeline.errors import StageError
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
+from pipeline.kernels.vision.camera import Camera, projection_matrix
 from pipeline.models.reconstruction import Reconstruction, join_vision_charts
-from pipeline.reconstruct.mesh_files import write_charts
+from pipeline.reconstruct.mesh_files import seen_colors, write_charts
 from tests.stages import ball_dataset as spheres
 
 SPHERE = vision_charts(0)
@@ -66,3 +67,43 @@ def test_vertices_that_are_not_finite_are_refused(tmp_path: Path, vertex: int, v
         with pytest.raises(StageError, match=r"1 of \d+ vertices hold NaN or infinity"):
             write_charts(tmp_path / "mesh.obj", reconstruction, joined=joined)
     assert not list(tmp_path.iterdir())
+
+
+SIDE = 64
+CAMERA = Camera(position=(0, 0, 1), rotation=(0, 0, 0), focal=(100, 100), centre=(32, 32), resolution=SIDE)
+IMAGE = np.full((SIDE, SIDE, 3), 200, np.uint8)
+IMAGE[:, :32], IMAGE[:, 32:] = (255, 0, 0), (0, 0, 255)  # red where x is negative
+EVERYWHERE = np.ones((SIDE, SIDE), bool)
+NEAR, FAR = (trimesh.creation.icosphere(3, radius).apply_translation([0, 0, z]) for radius, z in ((0.1, 0.2), (0.25, -0.3)))
+BALLS = trimesh.util.concatenate([NEAR, FAR])
+
+
+def looked_up(shown=EVERYWHERE, camera=CAMERA):
+    return seen_colors(np.asarray(BALLS.vertices), np.asarray(BALLS.faces), IMAGE, projection_matrix(camera), shown)
+
+
+def test_vertices_that_face_the_camera_have_the_colour_of_their_pixel():
+    colors, seen = looked_up()
+    red = BALLS.vertices[:, 0] < -1e-6
+    top = np.arange(len(BALLS.vertices)) < len(NEAR.vertices)
+    top &= BALLS.vertices[:, 2] > 0.25
+    assert seen[top].all()
+    assert (colors[seen & red] == [255, 0, 0]).all()
+    assert (colors[seen & (BALLS.vertices[:, 0] > 1e-6)] == [0, 0, 255]).all()
+    assert (colors[~seen] == 0).all()
+
+
+def test_vertices_turned_away_or_occluded_are_not_seen():
+    _, seen = looked_up()
+    assert not seen[: len(NEAR.vertices)][NEAR.vertices[:, 2] < 0.2].any()
+    beside = np.linalg.norm(FAR.vertices[:, :2], axis=1) * 0.8 / (1 - FAR.vertices[:, 2])  # where the ray passes the near ball's height
+    up = FAR.vertices[:, 2] > -0.2
+    assert not seen[len(NEAR.vertices) :][up & (beside < 0.09)].any()
+    assert seen[len(NEAR.vertices) :][up & (beside > 0.11)].all()
+    assert (up & (beside > 0.11)).any()
+
+
+def test_unmarked_pixels_and_cameras_that_look_away_give_no_colour():
+    assert not looked_up(shown=~EVERYWHERE)[1].any()
+    assert not looked_up(camera=CAMERA.model_copy(update={"rotation": (180.0, 0.0, 0.0)}))[1].any()
+    assert not looked_up(camera=CAMERA.model_copy(update={"centre": (-1000.0, 32.0)}))[1].any()

@@ -1,20 +1,15 @@
 """The note of `predict` about the error of its network."""
 
-import io
 import math
 import re
 
 import pytest
-from rich.console import Console
 
-from pipeline.engine.make import plans
-from pipeline.engine.plan import Request
 from pipeline.errors import StoreError
 from pipeline.models.shipped_weights import SHIPPED, read_card
 from pipeline.reconstruct.network_error import error_note
 from pipeline.reconstruct.predict import PredictOptions
 from pipeline.store.directory import DataDirectory
-from stages.evaluate.stage import Evaluate, EvaluationSettings
 from tests.command_line import vt
 from tests.stages import ball_dataset as spheres
 
@@ -55,10 +50,7 @@ def test_record_without_a_validation_loss_gives_a_clear_error(data, monkeypatch,
 
 
 def test_predict_warns_of_a_network_worse_than_looking_up_a_training_object(data, tmp_path):
-    settings = EvaluationSettings(points=500, configurations=("none",))
-    objects = spheres.objects(3, SPLITS)
-    (plan,) = plans(Request(stage=Evaluate(), settings=settings, manifest="balls", objects=objects, preset="draft", seed=0, data=data))
-    plan.make(Console(file=io.StringIO()))
+    spheres.run_stage(data, "evaluate", spheres.objects(3, SPLITS), "points=500", "configurations=[none]")
     output = vt("predict", tmp_path / "ball.ply", "--data", data, "--object", "b", "--configuration", "none")
     warning = re.search(
         r"worse than looking up: none: (\S+) mm from .* 2 test objects .* typical training object in its place: (\S+) mm", output

@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 import torch
 import trimesh
+from rich.console import Console
 
-from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
+from pipeline.config.sources import Object
+from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Unit
 from pipeline.formats.scene_file import load_scene
@@ -37,6 +39,7 @@ from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
+from stages.registry import load_stage, resolve
 from tests.engine.tiny_stages import pack, publish
 
 CENTRE = np.array([0.0, 0.0, 0.6])
@@ -102,7 +105,8 @@ def surfaces(unit: Unit) -> Row:
     points = (CENTRE + radius_of(unit) * directions).astype(np.float32)
     placement = np.block([[SCALE * TURN, CENTRE[:, None]], [np.eye(4)[3:]]])
     described = {"points": points, "normals": directions.astype(np.float32), "watertight": np.array(True), "placement": placement}
-    source = {"source_file": np.array(f"ball {unit.name}"), "source_sha256": np.array("")}
+    texts = {"source_file": f"ball {unit.name}", "source_sha256": "", "licence": "", "unread": ""}
+    source = {"metres_per_unit": np.array(0.0), **{name: np.array(text) for name, text in texts.items()}}
     return described | flags | mesh | look | source
 
 
@@ -132,7 +136,7 @@ def grasps(unit: Unit) -> Row:
         "contact_point": np.where(felt[..., None], CENTRE + radius_of(unit) * outward, 0.0),
         "contact_normal": np.where(felt[..., None], -outward, 0.0),
         "contact_area": np.where(felt, 1e-5, 0.0).astype(np.float32),
-        "penetration": np.zeros(GRASPS_AN_OBJECT, np.float32),
+        **{name: np.zeros(GRASPS_AN_OBJECT, np.float32) for name in ("opposition", "closure", "penetration")},
         "attempts": np.array(5, np.int32),
         "attempt_success": np.full(SENSORS, 0.75, np.float32),
     }
@@ -254,6 +258,13 @@ def make_data(data: Path, count: int, splits: Sequence[str] = ("test",), ungrasp
     The balls `ungrasped` fail in simulate-grasps.
     """
     shutil.copytree(_made(count, tuple(splits), ungrasped, shards, touched), data, dirs_exist_ok=True)
+
+
+def run_stage(data: Path, name: str, items: list[Object], *assignments: str, seed: int = 0, folder: str | None = None) -> None:
+    """Run a stage on a dataset of balls."""
+    settings = resolve(name, "draft", assignments)
+    (plan,) = plans(Request(load_stage(name), settings, "balls", items, "draft", seed, data, folder=folder))
+    plan.make(Console(quiet=True))
 
 
 def make_model(data: Path, name: str, *, still: bool = False, training_seed: int = 0) -> Path:

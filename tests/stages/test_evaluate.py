@@ -22,10 +22,9 @@ from pipeline.errors import StageError, StoreError
 from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.geometry.mesh import sample_triangles
 from pipeline.kernels.metrics.bootstrap import Interval
-from pipeline.kernels.metrics.cloud_distances import cloud_distances, nearest_squared, sampling_floor
+from pipeline.kernels.metrics.cloud_distances import cloud_distances, nearest_squared, sampled_area, sampling_floor
 from pipeline.models.observation import stored_observation
-from pipeline.models.reconstruction import Reconstructor
-from pipeline.models.reconstructors import DeformationReconstructor
+from pipeline.models.reconstruction import DeformationReconstructor, Reconstructor
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory, shard_of
 from pipeline.tables.comparison import read_values
@@ -168,7 +167,7 @@ def test_retrieval_baselines_return_training_objects(tmp_path, monkeypatch):
     protocol = protocol_of(tmp_path, "unoccluded", "touch")
     objects = protocol.objects
     assert objects.object_ids == [name for name, split in balls.items() if split == "test"]
-    floors = [sampling_floor(objects.area(name), objects.count) for name in objects.object_ids]
+    floors = [sampling_floor(sampled_area(objects.points(name)), objects.count) for name in objects.object_ids]
     scaled = {name.removeprefix(BASELINE_PREFIX): one.per_object("chamfer") for name, one in protocol.baselines().items()}
     for how, distances in scaled.items():  # every ball, scaled to the size of the one in question, is that one
         assert distances == pytest.approx(floors, rel=0.2), how
@@ -272,9 +271,8 @@ def test_evaluation_repeats_to_the_bit_and_depends_on_the_seed(data):
     assert hashes_of(again) == hashes_of(first)
     by_seven = figures(evaluate(data, "by-seven", batch_size=7, configurations=("occluded",))[0], "occluded")
     np.testing.assert_allclose(by_seven.per_case("chamfer"), figures(again, "occluded").per_case("chamfer"), rtol=1e-5)
-    (plan,) = plans(replace(request(data, configurations=("none",)), seed=1, folder="other"))
-    plan.make(Console(quiet=True))
-    other = figures(plan.directory.folder_path("other"), "none")
+    spheres.run_stage(data, "evaluate", spheres.objects(COUNT), "points=500", "configurations=[none]", seed=1, folder="other")
+    other = figures(DataDirectory(data).folder_path("other"), "none")
     assert (other.per_case("chamfer") != figures(again, "none").per_case("chamfer")).all()
 
 
@@ -451,13 +449,13 @@ def test_tables_that_violate_their_schema_are_not_written(tmp_path, change, word
 def test_evaluation_that_violates_its_schema_is_refused(evaluation, tmp_path):
     folder = shutil.copytree(evaluation[0], tmp_path / "evaluation")
     root = zarr.open_group(str(folder / TABLES_ZARR), mode="r+")
-    root["objects"].create_array("floor", shape=(COUNT + 1,), dtype="float64", overwrite=True)
+    root["objects"].create_array("floor", shape=(COUNT + 1,), dtype="float64", overwrite=True)[...] = 1
     with pytest.raises(StoreError, match=r"objects/.* has shape"):
         read_table(folder, "objects")
-    root["objects"].create_array("floor", shape=(COUNT,), dtype="string", overwrite=True)
+    root["objects"].create_array("floor", shape=(COUNT,), dtype="string", overwrite=True)[...] = "low"
     with pytest.raises(StoreError, match="an array of objects has another type"):
         read_table(folder, "objects")
-    root["objects"].create_array("floor", shape=(COUNT,), dtype="float64", overwrite=True)
+    root["objects"].create_array("floor", shape=(COUNT,), dtype="float64", overwrite=True)[...] = 1
     root.attrs["configurations"] = {"moon": {"touch": True}}
     with pytest.raises(StoreError, match="has no figures of moon"):
         read_values([folder])

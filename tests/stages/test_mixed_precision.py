@@ -3,13 +3,9 @@
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
-from pipeline.engine.make import plans
-from pipeline.engine.plan import Request
 from pipeline.models.families import model_name
 from pipeline.store.directory import DataDirectory
-from stages.registry import load_stage, resolve
 from tests.stages import ball_dataset as spheres
 
 SPLITS = ("train", "valid", "test")
@@ -23,9 +19,7 @@ SETTINGS = {
 def best(data: Path, stage: str, precision: str) -> float:
     """Train for two epochs; the validation loss."""
     stated = (*SETTINGS[stage], "epochs=2", "samples_per_object=6", f"precision={precision}", "accelerator=cpu")
-    settings = resolve(stage, "draft", [f"{stage}.{text}" for text in stated])
-    (plan,) = plans(Request(load_stage(stage), settings, "balls", OBJECTS, "draft", 0, data))
-    plan.make(Console(record=True, width=200))
+    spheres.run_stage(data, stage, OBJECTS, *stated)
     configuration = SETTINGS[stage][0].removeprefix("configuration=")
     return float(DataDirectory(data).folder(model_name(configuration)).facts["best"]["loss"])
 

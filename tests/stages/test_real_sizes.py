@@ -23,11 +23,7 @@ from tests.stages import ball_dataset as spheres
 from tests.stages.tiny_dataset import manifest, run_stage
 
 SMALL = ("train-gcn.gcn_layers=3", "train-gcn.gcn_features=12", "train-gcn.epochs=2", "train-gcn.loss_points=200", "train-gcn.threads=1")
-NONE = (
-    "train-gcn.configuration=none",
-    "train-gcn.validation_items=1",
-    *SMALL,
-)
+NONE = ("train-gcn.configuration=none", "train-gcn.validation_items=1", *SMALL)
 SIZES = (0.5, 0.1)
 SHRINK = SIZES[1] / SIZES[0]
 
@@ -73,11 +69,13 @@ def test_scaled_observation_gives_the_scaled_surface(tmp_path, way):
     spheres.make_model(tmp_path, way)
     model = load_reconstructor(way, DataDirectory(tmp_path).verified_folder(f"models/gcn/{way}"))
     rng = np.random.default_rng(0)
-    image = rng.integers(0, 256, (256, 256, 3), np.uint8) if model.image else None
+    image = rng.integers(0, 256, (256, 256, 3), np.uint8) if model.config.image else None
     charts = (
-        (POSITION + rng.uniform(-0.1, 0.1, (2, spheres.SIDE**2, 3))).astype(np.float32) if model.touch else np.zeros((0, 9, 3), np.float32)
+        (POSITION + rng.uniform(-0.1, 0.1, (2, spheres.SIDE**2, 3))).astype(np.float32)
+        if model.config.touch
+        else np.zeros((0, 9, 3), np.float32)
     )
-    matrix = projection_matrix(spheres.CAMERA) if model.image else None
+    matrix = projection_matrix(spheres.CAMERA) if model.config.image else None
     nearer = None if matrix is None else np.column_stack([matrix[:, :3], SHRINK * matrix[:, 3] - (1 - SHRINK) * matrix[:, :3] @ POSITION])
     large = Observation(image, charts, np.ones(len(charts), bool), matrix)
     small = Observation(image, shrunk(charts).astype(np.float32), large.touched, nearer, scale=1 / SHRINK)

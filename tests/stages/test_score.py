@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from rich.console import Console
 
 from checks.fuzz.target import seal
 from pipeline.config.settings import Settings
 from pipeline.contrib.report.results import Results
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
 from pipeline.errors import InvalidInput
 from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
@@ -22,9 +20,8 @@ from pipeline.store.directory import DataDirectory
 from pipeline.tables.comparison import scores
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import METRICS, read_figures
-from stages.evaluate.files import find_faults, find_files, misplacement, read_surface
+from stages.evaluate.scored_files import find_faults, find_files, misplacement, read_surface
 from stages.evaluate.scores import files_digest
-from stages.evaluate.stage import Evaluate, EvaluationSettings
 from tests.command_line import vt
 from tests.engine.tiny_stages import pack
 from tests.stages import ball_dataset as spheres
@@ -40,10 +37,8 @@ CASES = [(1, first) for first in range(5)] + [(2, first) for first in range(5)]
 def data(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("balls")
     spheres.make_data(folder, 6, SPLITS)
-    spheres.make_implicit_model(folder, NETWORK, touch_reach=0.05)
-    settings = EvaluationSettings(points=500, grasps=(1, 2), configurations=(NETWORK,), tau=2e-4)
-    (plan,) = plans(Request(Evaluate(), settings, "balls", OBJECTS, "draft", 3, folder))
-    plan.make(Console(quiet=True))
+    spheres.make_implicit_model(folder, NETWORK, touch_reach=0.05, spacing=0.05)
+    spheres.run_stage(folder, "evaluate", OBJECTS, "points=500", "grasps=[1,2]", f"configurations=[{NETWORK}]", "tau=2e-4", seed=3)
     return folder
 
 

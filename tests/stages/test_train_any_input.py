@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from rich.console import Console
 
 from pipeline.contrib.report.results import trainings_table
-from pipeline.engine.make import plans
-from pipeline.engine.plan import Request
 from pipeline.errors import InvalidInput
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.models.families import ROWS, load_reconstructor, model_name, reconstructor_type, rows_of, trained_models
@@ -20,7 +17,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.tables.evaluation_tables import evaluation_tables
 from pipeline.training.items import Items
 from stages.evaluate.evaluation_files import read_figures, read_root
-from stages.registry import load_stage, resolve
+from stages.registry import resolve
 from stages.train_implicit import ImplicitLearner, TrainImplicit
 from tests.stages import ball_dataset as spheres
 
@@ -35,17 +32,12 @@ SETTINGS = (
 )
 
 
-def run_stage(data: Path, stage: str) -> None:
-    (plan,) = plans(Request(load_stage(stage), resolve(stage, "draft", SETTINGS), "balls", OBJECTS, "draft", 0, data))
-    plan.make(Console(record=True, width=200))
-
-
 @pytest.fixture(scope="module")
 def data(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("balls")
     spheres.make_data(folder, 3, SPLITS)
     for stage in ("train-implicit", "evaluate"):
-        run_stage(folder, stage)
+        spheres.run_stage(folder, stage, OBJECTS, *SETTINGS)
     return folder
 
 

@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from rich.console import Console
 
 from pipeline.contrib.report.report_source import Evaluation
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.engine.make import plans
-from pipeline.engine.plan import Request
 from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.networks.network_configurations import IMPLICIT_CONFIGURATIONS
 from pipeline.models.families import load_reconstructor
@@ -23,7 +20,7 @@ from pipeline.training.items import Items
 from pipeline.training.training_stage import remarks
 from schemas.charts import CHARTS
 from stages.evaluate.evaluation_files import read_figures, read_surfaces, surface_of
-from stages.registry import load_stage, resolve
+from stages.registry import resolve
 from stages.train_implicit import ImplicitSettings, TrainImplicit
 from tests.stages import ball_dataset as spheres
 
@@ -41,10 +38,7 @@ SETTINGS = (
 
 
 def run_stage(data: Path, stage: str, *assignments: str, folder: str | None = None) -> None:
-    loaded = load_stage(stage)
-    request = Request(loaded, resolve(stage, "draft", [*SETTINGS, *assignments]), "balls", OBJECTS, "draft", 0, data, folder=folder)
-    (plan,) = plans(request)
-    plan.make(Console(record=True, width=200))
+    spheres.run_stage(data, stage, OBJECTS, *SETTINGS, *assignments, folder=folder)
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
+from pipeline.config.sources import Object
 from pipeline.console import console_on
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import DatasetJob

@@ -32,10 +32,7 @@ ARTIFACT = Artifact(
         "label": Array("object", "string", "1", "A word."),
         "scale": Array("xyz", "float32", "m", "A constant."),
     },
-    ragged={
-        "meshes/faces": Array("face corner", "int32", "1", "Ragged."),
-        "meshes/texture": Array("row col rgb", "uint8", "1", "…"),
-    },
+    ragged={"meshes/faces": Array("face corner", "int32", "1", "Ragged."), "meshes/texture": Array("row col rgb", "uint8", "1", "…")},
 )
 CONSTANTS: Row = {"scale": np.array([1, 2, 3], np.float32)}
 FAILED = 3
@@ -166,10 +163,7 @@ def test_equal_values_are_encoded_as_equal_bytes() -> None:
 
 
 RANGES = Artifact(
-    name="ranges",
-    version=1,
-    summary="Distances.",
-    arrays={"depth": Array("object pixel", "float32", "m", "Distance.", infinite=True)},
+    name="ranges", version=1, summary="Distances.", arrays={"depth": Array("object pixel", "float32", "m", "Distance.", infinite=True)}
 )
 
 
@@ -177,5 +171,5 @@ def test_infinite_arrays_hold_positive_infinity_only():
     (stored,) = conform(RANGES, {"depth": np.array([1, np.inf])}).values()
     assert stored.tolist() == [1, np.inf]
     for value in (-np.inf, np.nan):
-        with pytest.raises(StoreError, match="depth holds a value that is not finite"):
+        with pytest.raises(ValueError, match="depth holds a value that is not finite"):
             conform(RANGES, {"depth": np.array([1, value])})

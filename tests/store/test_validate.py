@@ -149,16 +149,12 @@ def test_group_with_recorded_metadata_that_zarr_cannot_open_is_reported(shard, c
     assert "the group cannot be opened" in problems(shard)[0]
 
 
-def test_group_in_place_of_an_array_is_refused(shard):
-    replace_metadata(shard, "values", b'{"zarr_format": 3, "node_type": "group"}')
-    with pytest.raises(StoreError, match="values cannot be opened"):
-        published(shard.parent.parent).first.array("values")
-
-
-def test_array_of_another_dtype_than_in_the_schema_is_refused(shard):
-    replace_metadata(shard, "values", (shard / "label" / "zarr.json").read_bytes())
-    with pytest.raises(StoreError, match="values: dtype is string, the schema says float32"):
-        published(shard.parent.parent).first.array("values")
+def test_group_or_array_of_another_dtype_in_place_of_an_array_is_refused(shard):
+    group, text = b'{"zarr_format": 3, "node_type": "group"}', (shard / "label" / "zarr.json").read_bytes()
+    for metadata, words in ((group, "values cannot be opened"), (text, "values: dtype is string, the schema says float32")):
+        replace_metadata(shard, "values", metadata)
+        with pytest.raises(StoreError, match=words):
+            published(shard.parent.parent).first.array("values")
 
 
 def test_record_with_more_rows_than_the_arrays_is_refused(shard):

@@ -21,7 +21,7 @@ from tests.stages.ball_dataset import Given, objects, surfaces
 
 def test_touch_table_names_the_fingers_of_another_hand():
     touched = np.array([[True, False, True], [True, False, False]])
-    entry = ObjectTouches("mug", touched, np.array([1.0, 0.25, 0.5]))
+    entry = ObjectTouches("mug", touched, np.array([1.0, 0.25, 0.5]), np.zeros((len(touched), 3)))
     written = io.StringIO()
     show_tables(touch_tables(Touches([entry], ["left", "right [1]", "tail"], paper=True)), Console(file=written, width=120))
     lines = [line.split() for line in written.getvalue().splitlines()]
@@ -53,7 +53,9 @@ def test_share_of_held_grasps_is_reported_by_class_and_size():
     tables = touch_tables(touches)
     assert by_class in tables
     assert [table.text(table.rows[0]) for table in tables if table.title == "Contacts"] == [["duck", "50", "100.0", "100.0"]]
-    assert not hold_tables(Touches([ObjectTouches("mug", np.ones((2, 2), bool), np.ones(2))], ["left", "right"], paper=False))
+    assert not hold_tables(
+        Touches([ObjectTouches("mug", np.ones((2, 2), bool), np.ones(2), np.zeros((2, 3)))], ["left", "right"], paper=False)
+    )
 
 
 def test_share_of_held_grasps_is_reported_by_each_of_six_directions():
@@ -77,7 +79,7 @@ def test_size_bins_contain_every_object_once_and_differ(seed: int):
 
 
 def test_columns_of_the_paper_require_its_sizes():
-    entry = ObjectTouches("bottle", np.ones((2, 4), bool), np.ones(4))
+    entry = ObjectTouches("bottle", np.ones((2, 4), bool), np.ones(4), np.zeros((2, 3)))
     for paper in (True, False):
         tables = touch_tables(Touches([entry], list("abcd"), paper=paper))
         assert ("% in Smith et al. 2020" in tables[0].columns) == paper

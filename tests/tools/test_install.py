@@ -221,10 +221,7 @@ def test_any_other_python_installs_uv_which_makes_the_environment(name, version,
 
 @pytest.mark.parametrize(
     ("more", "uv", "said"),
-    [
-        (PIP_FAILS, UV, "uv cannot be installed"),
-        ("", "echo error: no route >&2; exit 2", ".venv-uv/bin/uv cannot make .venv"),
-    ],
+    [(PIP_FAILS, UV, "uv cannot be installed"), ("", "echo error: no route >&2; exit 2", ".venv-uv/bin/uv cannot make .venv")],
 )
 def test_failure_of_uv_gives_the_remedy_and_leaves_no_environment(more, uv, said, without_suitable_python):
     machine = without_suitable_python

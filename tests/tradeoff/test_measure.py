@@ -1,6 +1,5 @@
 """Trades measured for real on a few toy objects, and samples that represent all objects within a time limit."""
 
-import io
 import time
 from collections import Counter
 from dataclasses import replace
@@ -8,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from pipeline.config.manifest import load_manifest
 from pipeline.config.sources import Object
@@ -57,11 +55,11 @@ def test_time_that_is_too_short_for_any_candidate_is_refused(tmp_path: Path) -> 
 
 def test_another_sample_may_share_no_object_with_the_first(tmp_path: Path) -> None:
     items = load_manifest("toy").objects(None)
-    for objects in (items[:2], items[2:4]):
+    for objects in (items[:1], items[1:2]):
         sample = setup(tmp_path, objects=objects, assignments=(FAST, "simulate-grasps.attempts=5"))
         measure_trade("simulate-grasps", sample, limit=1e9, deadline=0, console=console)
     (inputs,) = (tmp_path / FOLDER).glob("inputs-*")
-    assert list(DataDirectory(inputs).collection(SURFACES)) == sorted(item.object_id for item in items[2:4])
+    assert list(DataDirectory(inputs).collection(SURFACES)) == [items[1].object_id]
 
 
 def test_more_points_take_more_bytes_and_cover_better(measured_data: Path) -> None:
@@ -185,11 +183,8 @@ def test_coarser_sensor_keeps_its_photograph(tmp_path: Path) -> None:
     fine = load_sensor("gelsight", shape=(30, 40))
     calibrated = fine.calibrated
     assert calibrated is not None
-    with io.BytesIO() as file:
-        Image.fromarray(untouched_image(fine)).save(file, "PNG")
-        seen = fine.model_copy(
-            update={"photograph": file.getvalue(), "calibrated": calibrated.model_copy(update={"background": "elsewhere.png"})}
-        )
+    optics = calibrated.model_copy(update={"background": "elsewhere.png"})
+    seen = fine.model_copy(update={"photograph": untouched_image(fine).tobytes(), "calibrated": optics})
     coarse = load_sensor(coarse_sensor(seen, 0.5, tmp_path))
     assert (coarse.shape, coarse.name) == ((15, 20), "gelsight_coarse")
     assert np.abs(untouched_image(coarse).astype(int) - untouched_image(load_sensor("gelsight", shape=(15, 20)))).max() <= 3

@@ -12,8 +12,8 @@ from torch import Tensor
 
 from pipeline.errors import StageError, StoreError
 from pipeline.kernels.metrics.chamfer import chamfer
+from pipeline.models.device import torch_threads
 from pipeline.training.checkpoint import read_metrics
-from pipeline.training.device import torch_threads
 from tests.training.regression import Batch, Regression, Scripted, fit, settings
 
 

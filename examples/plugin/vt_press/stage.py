@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from pipeline.config.settings import ObjectSettings, setting
-from pipeline.dataset.object_rows import touch_sensor
+from pipeline.dataset.object_rows import sensor_of
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Unit
 from pipeline.store.rows import Row
 from schemas.base import Artifact
@@ -40,4 +40,4 @@ class MeasurePress(ObjectStage):
     def process(self, unit: Unit, inputs: Inputs, settings: PressSettings) -> Row:
         """Make an object's row."""
         touch = inputs["touch"]
-        return {"press": deepest(touch["depth"], touch_sensor(touch.attributes).w, settings.least)}
+        return {"press": deepest(touch["depth"], sensor_of(touch.shard).w, settings.least)}

@@ -19,7 +19,8 @@ from pipeline.drawing.picture_sheet import spread_evenly
 from pipeline.drawing.plots import save_figure
 from pipeline.errors import InvalidInput
 from pipeline.formats.image_file import read_image
-from pipeline.kernels.touch.calibrated_shading import calibrated_change
+from pipeline.kernels.touch.calibrated_shading import indentation_change
+from pipeline.kernels.touch.depth_maps import gel_under
 from pipeline.kernels.touch.sensor import Calibration, Sensor
 from pipeline.store.atomic import write_atomically
 
@@ -144,7 +145,8 @@ def render_contact(
     ball_radius: float,  # m
 ) -> NDArray[np.uint8]:  # (rows, cols, 3)
     """Render the contact of a photograph over the untouched one."""
-    change = calibrated_change(ball_impression(sensor, photograph.contact, ball_radius), sensor, calibration)
+    gel = gel_under(ball_impression(sensor, photograph.contact, ball_radius), sensor)
+    change = indentation_change(gel.indentation, sensor, calibration)
     return np.rint(np.clip(untouched + change, 0, 255)).astype(np.uint8)
 
 

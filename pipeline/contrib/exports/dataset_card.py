@@ -66,8 +66,7 @@ class Facts:
         directory = DataDirectory(data)
         collections = {name: directory.collection(ARTIFACTS[name]) for name in SHOWN}
         surfaces, names = directory.collection(SURFACES), frames.rows.object_ids
-        recorded = surfaces.shards and surfaces.first.has("licence")
-        licences = Counter(str(surfaces.view(name)["licence"]) if recorded else "" for name in names)
+        licences = Counter(str(surfaces.view(name)["licence"]) for name in names)
         self.columns = frames.columns
         self.objects = {split: len(object_ids) for split, object_ids in frames.object_ids.items()}  # exported, by split
         self.grasps = {split: count * frames.grasps for split, count in self.objects.items()}  # exported, by split

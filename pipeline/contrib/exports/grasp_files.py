@@ -17,7 +17,6 @@ from pipeline.contrib.exports.convex_parts import convex_parts
 from pipeline.dataset.completed_objects import CompletedObjects
 from pipeline.dataset.grasps import read_grasps
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.errors import StoreError
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.grasp import Grasp
 from pipeline.store.storage import Location
@@ -62,8 +61,6 @@ class GraspedObjects(CompletedObjects):
 
     def __init__(self, data: Location) -> None:
         super().__init__(data, ("surfaces", "grasps"))
-        if not (shard := self.collections["surfaces"].first).has("placement"):
-            raise StoreError(f"{shard.path} does not say how objects were placed; run sample-surfaces again")
 
     @property
     def summary(self) -> str:

@@ -22,7 +22,6 @@ from pipeline.drawing.views import fitted_camera, render_mesh
 from pipeline.drawing.written_files import WrittenFiles
 from pipeline.entries import Entries
 from pipeline.formats.image_file import encode_image
-from pipeline.kernels.touch.depth_maps import pressed_pixels
 from pipeline.store.record import Name, Sha256
 from stages.render_vision.renderer import Renderer
 
@@ -92,7 +91,7 @@ class ObjectPages:
         if evaluation and predictions:
             surfaces = {prediction.name: evaluation.surface(object_id, prediction) for prediction in predictions}
             files[".predictions.js"] = self._packed(object_id, "predictions", self.scenes.predictions(surfaces))
-        surface, areas = self.source.collections["surfaces"].row(object_id), self._contact_areas(rows)
+        surface, areas = self.source.collections["surfaces"].row(object_id), rows["grasps"]["contact_area"].astype(np.float64)
         page = self.template.render(
             id=object_id,
             category=surface.category,
@@ -147,14 +146,6 @@ class ObjectPages:
             ],
             "columns": columns(2 * len(images) + len(touches)),
         }
-
-    def _contact_areas(self, rows: Rows) -> NDArray[np.float64]:  # (grasp, sensor) m²
-        """Read or compute the area of the pixels that the surface presses on."""
-        if "contact_area" in list(rows["grasps"]):
-            return np.asarray(rows["grasps"]["contact_area"], np.float64)
-        depth = rows["touch"]["depth"]
-        pressed = [pressed_pixels(depth[:, number], sensor).mean(axis=(-2, -1)) for number, sensor in enumerate(self.sensors)]
-        return np.stack([sensor.width * sensor.height * share for sensor, share in zip(self.sensors, pressed, strict=True)], axis=1)
 
 
 def columns(places: int) -> int:

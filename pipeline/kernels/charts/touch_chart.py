@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -30,16 +29,6 @@ def chart_square(side: int = SIDE, aspect: float = 1.0) -> tuple[Tensor, Tensor]
     corner, right, below, across = (part.reshape(-1) for part in (index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]))
     faces = torch.stack([torch.stack([corner, right, across], dim=1), torch.stack([corner, across, below], dim=1)], dim=1)
     return vertices, faces.reshape(-1, 3)
-
-
-class StopRule(IntEnum):
-    """Why a chart's fit ended."""
-
-    no_touch = 0
-    threshold = 1
-    cap = 2
-    too_few_points = 3
-    collapsed = 4
 
 
 @dataclass(frozen=True)

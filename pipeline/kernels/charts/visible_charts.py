@@ -18,18 +18,17 @@ def visible_charts(
     mask: Mask,  # (rows, cols) where the image shows the object
     intrinsic: Floats,  # (3, 3) camera matrix; pixel centres at ½
     side: int,  # vertices along a side of a chart
-    width: float = WIDTH,  # m, of a chart
 ) -> Array:  # (T, side², 3) camera frame (+x along columns, +y along rows, +z ahead), m; T may be 0
     """Fit charts to the visible surface, ordered as touch charts, so that normals point away from the camera, into the object.
 
-    The image is cut into windows that are `width` wide at the object's median depth. A quadric is fitted to the depths of each, by least
+    The image is cut into windows that are `WIDTH` wide at the object's median depth. A quadric is fitted to the depths of each, by least
     squares: a chart is smooth where the camera's depth is noisy.
     """
     usable = scipy.ndimage.binary_erosion(mask, iterations=RIM) & np.isfinite(depth)
     if not usable.any():
         return np.zeros((0, side * side, 3))
     focal = intrinsic[[0, 1], [0, 1]]
-    rows, cols = (max(2, round(width * length / float(np.median(depth[usable])))) for length in focal[::-1])
+    rows, cols = (max(2, round(WIDTH * length / float(np.median(depth[usable])))) for length in focal[::-1])
     row, col = (np.flatnonzero(usable.any(axis=axis)) for axis in (1, 0))
     charts = []
     for top in range(row[0], row[-1] + 1, rows):

@@ -20,12 +20,11 @@ AT_CORNERS = [tuple(slice(1, None) if end else slice(None, -1) for end in corner
 
 
 def level_set_mesh(
-    field: Field,  # takes points (N, 3), returns (N,) finite values
+    field: Field,  # takes points (N, 3), returns (N,) finite values, which change by as much as the points at most: a signed distance
     low: Array,  # (3,)
     high: Array,  # (3,) the other corner of the box
     spacing: float,  # side of a grid cell, in the unit of the box; about the length of the mesh's edges
     *,
-    slope: float = 1.0,  # Lipschitz constant of the field: 1 for a signed distance
     halvings: int = 3,
     dense_points: Array | None = None,  # (M, 3)
     dense_radius: float = 0.0,
@@ -36,8 +35,8 @@ def level_set_mesh(
     A negative region is cut off where the box ends, or up to 2^halvings cells beyond, and the mesh closed.
 
     The field is computed on a grid 2^halvings times as wide. Its cells are then halved, and the field is computed only at points where it
-    can be 0 given `slope` and its neighbours, and further along the surface. With 0 halvings it is computed at all points, and needs no
-    slope. Within `dense_radius` of `dense_points` the field may change faster: there it is computed at each point of the grid.
+    can be 0 given its neighbours, and further along the surface. With 0 halvings it is computed at all points. Within `dense_radius` of
+    `dense_points` the field may change faster: there it is computed at each point of the grid.
     """
     low = np.asarray(low, np.float64)
     step = spacing * 2**halvings
@@ -51,7 +50,7 @@ def level_set_mesh(
     values = np.zeros(count.astype(np.int64) + 1)
     _evaluate(values, np.ones(values.shape, bool), field, low, step)
     for _ in range(halvings):
-        reach, step = np.sqrt(3) / 2 * step * slope, step / 2  # a cell's middle is as far from its corners
+        reach, step = np.sqrt(3) / 2 * step, step / 2  # a cell's middle is as far from its corners
         values = _double_resolution(values)
         computed = np.abs(values) <= reach
         if dense_points is not None:
@@ -70,7 +69,7 @@ def level_set_mesh(
         kept = np.bincount(region[anchors], minlength=regions + 1) > 0
         kept[0] = kept[size.argmax()] = True
         values[~kept[region]] *= -1
-    return _marching_cubes(np.pad(values, 1, constant_values=slope * step), low - step, step)  # closed where the box ends
+    return _marching_cubes(np.pad(values, 1, constant_values=step), low - step, step)  # closed where the box ends
 
 
 def _evaluate(values: Array, where: Mask, field: Field, low: Array, step: float) -> None:

@@ -2,27 +2,20 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.arrays import Array, Array32, Indices
+from pipeline.kernels.arrays import Array, Indices
 from pipeline.kernels.geometry.transforms import compose, invert_pose, transform_points
+from pipeline.kernels.hand.grid_loops import Spheres
 from pipeline.kernels.hand.model import Hand
 
 BLOCK = 4_000_000  # points times faces whose distances are held in memory at once: 32 MB
 MAX_LATTICE = 2_000_000  # points of the lattice in a shape: at 3 mm a cube of 0.38 m, larger than any link of a hand
-
-
-class Spheres(NamedTuple):
-    """Spheres in the frames of links, as compiled loops take them."""
-
-    centres: Array32  # (B, 3) m
-    radii: Array32  # (B,) m
-    link: Indices  # (B,)
 
 
 @dataclass(frozen=True, eq=False)

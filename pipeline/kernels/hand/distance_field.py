@@ -1,11 +1,8 @@
-"""Signed distance to a mesh, by a grid or exact, and distances of a hand from it: contact of gels, clearance of fingers, penetration.
-
-Compiled loops look the grid up in float32, in a fixed order. They share a file: numba's cache notices changes of that file only.
-"""
+"""Signed distance to a mesh, by a grid or exact, and distances of a hand from it: contact of gels, clearance of fingers, penetration."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import igl
 import numpy as np
@@ -14,10 +11,10 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Array32, Integers, Mask
-from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products, without_slivers
 from pipeline.kernels.geometry.transforms import compose, transform_points, unit_vectors
-from pipeline.kernels.hand.collision_shapes import CollisionSpheres, Spheres
+from pipeline.kernels.hand.collision_shapes import CollisionSpheres
+from pipeline.kernels.hand.grid_loops import Grid, gaps, look_up
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 
@@ -30,15 +27,6 @@ MAX_STEPS = 4  # away from the nearest surface until a side is known: one beside
 PROBE_DEPTH = 0.6  # gel thicknesses above the sensor plane that a surface should reach: a firm touch, far from the plane
 PROBES = 4  # probe points along a side of the gel: 4 mm apart on a 16 mm gel
 IDENTITY = np.eye(4)
-
-
-class Grid(NamedTuple):
-    """A distance grid."""
-
-    origin: Array32  # (3,) centre of the first cell, m
-    scale: np.float32  # cells per metre
-    cell: np.float32  # m, side of a cell
-    records: Array32  # (X, Y, Z, 4) distance, m, and its gradient
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,59 +89,6 @@ class DistanceField:
             squared, _, closest = self.tree.squared_distance(self.vertices, self.faces, points)
             distance, direction = np.sqrt(squared), unit_vectors(points - closest)
         return inside
-
-
-@compiled
-def _clamp(value: np.float32, top: np.float32) -> np.float32:
-    """Clamp a value to 0 … `top`; NaN gives 0."""
-    return min(value, top) if value > 0 else np.float32(0)
-
-
-@compiled
-def _distance(grid: Grid, px: np.float32, py: np.float32, pz: np.float32) -> np.float32:
-    """Compute the distance of a point from the nearest cell's record, to first order."""
-    shape = grid.records.shape
-    x = _clamp((px - grid.origin[0]) * grid.scale, np.float32(shape[0] - 1))
-    y = _clamp((py - grid.origin[1]) * grid.scale, np.float32(shape[1] - 1))
-    z = _clamp((pz - grid.origin[2]) * grid.scale, np.float32(shape[2] - 1))
-    i, j, k = int(x + np.float32(0.5)), int(y + np.float32(0.5)), int(z + np.float32(0.5))
-    dx, dy, dz = (x - np.float32(i)) * grid.cell, (y - np.float32(j)) * grid.cell, (z - np.float32(k)) * grid.cell
-    record = grid.records[i, j, k]
-    distance: np.float32 = record[0] + ((record[1] * dx + record[2] * dy) + record[3] * dz)
-    return distance
-
-
-@compiled
-def look_up(grid: Grid, points: Array32) -> Array32:
-    """Look up the distances (N,) of points (3, N)."""
-    distance = np.empty(points.shape[1], np.float32)
-    for n in range(len(distance)):
-        distance[n] = _distance(grid, points[0, n], points[1, n], points[2, n])
-    return distance
-
-
-@compiled
-def _gap(grid: Grid, frames: Array, spheres: Spheres, floor: np.float32) -> np.float32:
-    """Compute the least gap of spheres on link frames (L, 4, 4); if it is below `floor`, any value below `floor`."""
-    gap, link, pose = np.float32(np.inf), -1, np.empty((3, 4), np.float32)
-    for b in range(len(spheres.link) - 1, -1, -1):  # the fingertip, which comes last, is most often in the way
-        if spheres.link[b] != link:
-            link = spheres.link[b]
-            pose = frames[link, :3].astype(np.float32)
-        x, y, z = spheres.centres[b, 0], spheres.centres[b, 1], spheres.centres[b, 2]
-        px = (pose[0, 0] * x + pose[0, 1] * y) + (pose[0, 2] * z + pose[0, 3])
-        py = (pose[1, 0] * x + pose[1, 1] * y) + (pose[1, 2] * z + pose[1, 3])
-        pz = (pose[2, 0] * x + pose[2, 1] * y) + (pose[2, 2] * z + pose[2, 3])
-        gap = min(gap, _distance(grid, px, py, pz) - spheres.radii[b])
-        if gap < floor:
-            break
-    return gap
-
-
-@compiled
-def gaps(grid: Grid, frames: Array, spheres: Spheres, floor: np.float32) -> Array32:
-    """Compute the least gaps (N,) of spheres on frames (N, L, 4, 4); for one below `floor`, any value below `floor`."""
-    return np.array([_gap(grid, frames[n], spheres, floor) for n in range(len(frames))], np.float32)
 
 
 def build_distance_field(

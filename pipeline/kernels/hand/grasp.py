@@ -10,7 +10,6 @@ from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.geometry.transforms import length, solve_3x3
 from pipeline.kernels.hand.load_residual import contact_wrenches
 from pipeline.kernels.touch.depth_maps import gel_surface, pressed_pixels
-from pipeline.kernels.touch.ray_depth import BoxedFaces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, masked_points
 
 TURNS = 2 * np.pi * np.arange(8) / 8
@@ -57,18 +56,6 @@ def contact_from_depth(depth: np.ndarray, pose: Array, sensor: Sensor) -> Contac
         volume=volume,
         nearest=float(points[:, 2].min()),
     )
-
-
-def measure_contact(faces: BoxedFaces, pose: Array, sensor: Sensor) -> Contact | None:
-    """Find the contact of a sensor at a pose (4, 4) with an object's faces; None where nothing presses into the gel."""
-    return contact_from_depth(ray_depth(faces, pose, sensor), pose, sensor)
-
-
-def opposition_angle(contacts: list[Contact]) -> float:
-    """Compute the greatest angle between the normals of two contacts, degrees: 180 where two oppose each other, 0 for less than two."""
-    normals = np.array([contact.normal for contact in contacts]).reshape(-1, 3)
-    cosines = np.clip(np.einsum("ai,bi->ab", normals, normals), -1, 1)
-    return float(np.rad2deg(np.arccos(cosines.min()))) if len(contacts) > 1 else 0.0
 
 
 def closure_margin(
@@ -126,5 +113,7 @@ class Grasp:
 
     @property
     def opposition(self) -> float:
-        """Compute the greatest angle between two contacts' normals, degrees."""
-        return opposition_angle([contact for contact in self.contacts if contact])
+        """Compute the greatest angle between two contacts' normals, degrees: 180 where two oppose each other, 0 for less than two."""
+        normals = np.array([contact.normal for contact in self.contacts if contact]).reshape(-1, 3)
+        cosines = np.clip(np.einsum("ai,bi->ab", normals, normals), -1, 1)
+        return float(np.rad2deg(np.arccos(cosines.min()))) if len(normals) > 1 else 0.0

@@ -20,6 +20,7 @@ from pipeline.kernels.arrays import Array, Array32, Indices, Mask
 from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, CollisionSpheres, collision_boxes
 from pipeline.kernels.hand.distance_field import DistanceField, finger_clearance, gel_contact, gel_grid, gel_probes
+from pipeline.kernels.hand.grid_loops import MILLIMETRE, measure_best
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import (
@@ -31,7 +32,6 @@ from pipeline.kernels.hand.self_collision import (
 )
 from pipeline.kernels.touch.sensor import Sensor
 
-MILLIMETRE, LACK_WEIGHT = np.float32(1e-3), np.float32(2)  # m; value that a posture loses per millimetre of missing clearance
 LIMIT_MARGIN, LIMIT_SHARE = 0.01, 0.02  # rad from the limits, for a motor's error; at most this share of the range
 EVEN_SAMPLES = 48  # samples measured at every pose, regardless of contact: they decide whether a finger has room
 NEAR_CONTACT = 0.0025  # m from the object up to which a sampled posture is a candidate: refinement can correct as much
@@ -143,8 +143,8 @@ def prepare_grasp_ik(
 def fingers_fit(ik: GraspIk, field: DistanceField, hand_pose: Array) -> bool:
     """Decide whether every finger of a hand at a pose (4, 4) has a posture, among a few samples, clear of object and palm."""
     rows = even_rows(len(ik.postures.frames))
-    gaps = finger_clearance(field, ik.fingers, compose(hand_pose, ik.postures.frames[rows]), floor=ik.clearance)
-    return bool((ik.postures.free[rows] & (gaps >= np.float32(ik.clearance))).any(axis=0).all())
+    contact_values = np.where(ik.postures.free[rows], np.float32(0), -np.inf)
+    return bool(_measure_best(ik, field, compose(hand_pose, ik.postures.frames[rows]), contact_values, clear=1)[1].any(axis=0).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,10 +199,19 @@ def _contact_values(ik: GraspIk, field: DistanceField, frames: Array) -> Array32
     return _by_finger(ik.hand, np.where(miss == 0, 2 + coverage, 0) - 0.1 * miss)
 
 
-def _values(ik: GraspIk, field: DistanceField, frames: Array, contact: Array32) -> tuple[Array32, Mask]:  # (N, F) each
-    """Compute the values of postures from those of their contacts (N, F), and which are clear of the object."""
-    gaps, clearance = finger_clearance(field, ik.fingers, frames), np.float32(ik.clearance)
-    return contact - LACK_WEIGHT * (np.maximum(clearance - gaps, 0) / MILLIMETRE), gaps >= clearance
+def _measure_best(
+    ik: GraspIk, field: DistanceField, frames: Array, contact: Array32, *, groups: int = 1, best: int = 0, clear: int = 0
+) -> tuple[Array32, Mask]:
+    """Compute the values (N, F) of the best postures of each group, and find clear ones (N, F): see `measure_best`."""
+    by_finger = np.ascontiguousarray(contact.T)
+    ranks = np.argsort(-by_finger.reshape(len(by_finger), groups, -1), axis=-1, kind="stable")
+    order = np.insert(ranks, 0, 0, axis=-1) + ranks.shape[-1] * np.arange(groups)[:, None]  # the first of a group is the posture to improve
+    measured = [
+        measure_best(field.grid, frames, spheres.single, by_finger[f], order[f], best, clear, np.float32(ik.clearance))
+        for f, spheres in enumerate(ik.fingers)
+    ]
+    value, is_clear = (np.stack(columns, axis=1) for columns in zip(*measured, strict=True))
+    return value, is_clear
 
 
 def _by_finger(hand: Hand, gains: NDArray[Any]) -> NDArray[Any]:
@@ -216,7 +225,7 @@ def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: Array) -> tuple[
     by_link = rows[:, ik.hand.link_fingers]  # a link that no finger moves has the same frame in all
     frames = compose(hand_pose, ik.postures.frames[by_link, np.arange(len(ik.hand.links))])
     contact = np.where(np.take_along_axis(ik.postures.free, rows, axis=0), _contact_values(ik, field, frames), -np.inf)
-    value, is_clear = _values(ik, field, frames, contact)
+    value, is_clear = _measure_best(ik, field, frames, contact, best=REFINED_POSTURES, clear=UNTOUCHING_POSTURES)
     clear_value = np.where(is_clear, value, -np.inf)
     best = np.argsort(-value, axis=0, kind="stable")[:REFINED_POSTURES]
     clearest = np.argsort(-clear_value, axis=0, kind="stable")[:UNTOUCHING_POSTURES]
@@ -245,6 +254,6 @@ def _refine(ik: GraspIk, field: DistanceField, hand_pose: Array, *, postures: Ar
     children[:, 0] = postures
     children = np.clip(children, *inner_limits(ik.hand)).reshape(-1, postures.shape[1])
     frames = forward_kinematics(ik.hand, hand_pose, children)
-    value, _ = _values(ik, field, frames, _contact_values(ik, field, frames))
+    value, _ = _measure_best(ik, field, frames, _contact_values(ik, field, frames), groups=len(postures), best=1)
     best = value.reshape(len(postures), STEPS_PER_POSTURE + 1, -1).argmax(axis=1)  # (REFINED_POSTURES, F)
     return _combine_fingers(ik.hand, children, best + (STEPS_PER_POSTURE + 1) * np.arange(len(postures))[:, None])

@@ -1,9 +1,12 @@
 """Forward kinematics: link and sensor frames from joint angles."""
 
-import numpy as np
-from numpy.typing import ArrayLike
+from functools import lru_cache
+from typing import NamedTuple
 
-from pipeline.kernels.arrays import Array
+import numpy as np
+
+from pipeline.kernels.arrays import Array, Indices, Mask
+from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.transforms import compose, sin_cos, transform_points
 from pipeline.kernels.hand.model import Hand
 from pipeline.rng import numpy_rng
@@ -27,33 +30,82 @@ def forward_kinematics(
     batch = np.broadcast_shapes(np.shape(hand_pose)[:-2], np.shape(joint_angles)[:-1])
     frames = np.empty((*batch, len(hand.links), 4, 4))
     frames[..., 0, :, :] = hand_pose
-    values = {link: joint_angles[..., entry] for entry, link in enumerate(hand.joint_links)}
-    values |= {joint.link: joint_angles[..., joint.entry] * joint.multiplier + joint.offset for joint in hand.followers}
-    for joint in hand.joints:  # parents first
-        frame = compose(frames[..., joint.parent, :, :], joint.origin)
-        if joint.child in values:
-            frame = compose(frame, joint_motion(joint.kind, joint.axis, values[joint.child]))
-        frames[..., joint.child, :, :] = frame
+    tree = _joint_tree(hand)
+    values = np.broadcast_to(joint_angles, (*batch, len(hand.joint_names)))[..., tree.entry] * tree.multiplier + tree.offset
+    values = values.reshape(-1, len(tree.entry))
+    _follow_joints(frames.reshape(-1, *frames.shape[-3:]), tree, values, *sin_cos(values))
     return frames
 
 
-def joint_motion(
-    kind: str,  # of the joint
-    axis: Array,  # (3,) unit vector
-    value: ArrayLike,  # (...) rad, of a prismatic joint m
-) -> Array:  # (..., 4, 4)
-    """Compute the displacement of a joint: Rodrigues' formula, or a slide along the axis."""
-    value = np.asarray(value, np.float64)[..., None, None]
-    motion = np.broadcast_to(np.eye(4), (*value.shape[:-2], 4, 4)).copy()
-    if kind == "prismatic":
-        motion[..., :3, 3:] = value * np.asarray(axis, np.float64)[:, None]
-        return motion
+class _JointTree(NamedTuple):
+    """A hand's tree as the compiled loop takes it: all joints, parents first, and the M that move."""
+
+    parent: Indices
+    child: Indices
+    origin: Array
+    axis: Array
+    slides: Mask
+    moving: Indices  # number of each joint among those that move, -1 where it is fixed
+    entry: Indices  # (M,) entry of the joint vector that each follows
+    multiplier: Array  # (M,)
+    offset: Array  # (M,)
+
+
+@lru_cache(maxsize=16)
+def _joint_tree(hand: Hand) -> _JointTree:
+    links = [*hand.joint_links, *(follower.link for follower in hand.followers)]
+    entries, joints, followers = len(hand.joint_links), hand.joints, hand.followers
+    return _JointTree(
+        parent=np.array([joint.parent for joint in joints], np.intp),
+        child=np.array([joint.child for joint in joints], np.intp),
+        origin=np.array([joint.origin for joint in joints]).reshape(-1, 4, 4),
+        axis=np.array([joint.axis for joint in joints], np.float64).reshape(-1, 3),
+        slides=np.array([joint.kind == "prismatic" for joint in joints], np.bool_),
+        moving=np.array([links.index(joint.child) if joint.child in links else -1 for joint in joints], np.intp),
+        entry=np.array([*range(entries), *(follower.entry for follower in followers)], np.intp),
+        multiplier=np.array([1.0] * entries + [follower.multiplier for follower in followers]),
+        offset=np.array([0.0] * entries + [follower.offset for follower in followers]),
+    )
+
+
+@compiled
+def _follow_joints(frames: Array, tree: _JointTree, values: Array, sin: Array, cos: Array) -> None:
+    """Fill the link frames (N, L, 4, 4), except the root's, from the values (N, M) of the moving joints."""
+    resting_frame, motion = np.empty((4, 4)), np.empty((4, 4))
+    for n in range(len(frames)):
+        for j in range(len(tree.parent)):
+            frame, m = frames[n, tree.child[j]], tree.moving[j]
+            if m < 0:
+                _multiply(frames[n, tree.parent[j]], tree.origin[j], frame)
+            else:
+                _multiply(frames[n, tree.parent[j]], tree.origin[j], resting_frame)
+                _set_motion(motion, tree.slides[j], tree.axis[j], values[n, m], sin[n, m], cos[n, m])
+                _multiply(resting_frame, motion, frame)
+
+
+@compiled
+def _multiply(left: Array, right: Array, product: Array) -> None:
+    """Multiply matrices (4, 4), with the bits of `compose`."""
+    for row in range(4):
+        for col in range(4):
+            product[row, col] = (
+                left[row, 0] * right[0, col] + left[row, 1] * right[1, col] + left[row, 2] * right[2, col] + left[row, 3] * right[3, col]
+            )
+
+
+@compiled
+def _set_motion(motion: Array, slides: bool, axis: Array, value: float, sin: float, cos: float) -> None:
+    """Fill `motion` (4, 4) with the displacement of a joint: Rodrigues' formula, or a slide along the axis."""
     x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    square = np.array([[-z * z - y * y, x * y, x * z], [x * y, -z * z - x * x, y * z], [x * z, y * z, -y * y - x * x]])
-    sin, cos = sin_cos(value)
-    motion[..., :3, :3] += sin * cross + (1 - cos) * square
-    return motion
+    motion[:] = 0
+    motion[3, 3] = 1
+    if slides:
+        sin, cos = 0.0, 1.0
+        motion[0, 3], motion[1, 3], motion[2, 3] = value * x, value * y, value * z
+    rest = 1 - cos
+    motion[0, 0], motion[0, 1], motion[0, 2] = 1 + rest * (-z * z - y * y), sin * -z + rest * (x * y), sin * y + rest * (x * z)
+    motion[1, 0], motion[1, 1], motion[1, 2] = sin * z + rest * (x * y), 1 + rest * (-z * z - x * x), sin * -x + rest * (y * z)
+    motion[2, 0], motion[2, 1], motion[2, 2] = sin * -y + rest * (x * z), sin * x + rest * (y * z), 1 + rest * (-y * y - x * x)
 
 
 def sensor_poses(hand: Hand, hand_pose: Array, joint_angles: Array) -> Array:
@@ -92,3 +144,10 @@ def _random_frames(hand: Hand) -> Array:
     """Compute the link frames (P, L, 4, 4) of random postures, and at the joints' limits."""
     angles = numpy_rng(0, "opening", hand.name).uniform(hand.lower, hand.upper, (RANDOM_POSTURES, len(hand.lower)))
     return forward_kinematics(hand, np.eye(4), np.concatenate([angles, [hand.lower, hand.upper]]))
+
+
+def joint_motion(kind: str, axis: Array, value: float) -> Array:
+    """Compute the displacement (4, 4) of a joint by a value, rad (m if prismatic), about or along a unit axis (3,)."""
+    motion = np.empty((4, 4))
+    _set_motion(motion, kind == "prismatic", np.asarray(axis, np.float64), float(value), *map(float, sin_cos(value)))
+    return motion

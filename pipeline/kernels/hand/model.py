@@ -84,6 +84,10 @@ class Follower:
     multiplier: float
     offset: float
 
+    def of(self, joint_vector: Array) -> Array:  # (…) rad (m), of postures (…, J)
+        """Compute the value of its joint."""
+        return self.multiplier * joint_vector[..., self.entry] + self.offset
+
 
 @dataclass(frozen=True, eq=False)
 class Mount:
@@ -144,6 +148,11 @@ class Hand:
     def sensor_fingers(self) -> Indices:
         """(S,) number of the finger that carries each sensor, -1 for the palm."""
         return self.link_fingers[[mount.link for mount in self.sensors]]
+
+    def follower_range(self, follower: Follower) -> tuple[float, float]:
+        """Compute the least and the greatest value of a following joint between its leader's limits, rad (m)."""
+        ends = float(follower.of(self.lower)), float(follower.of(self.upper))
+        return min(ends), max(ends)
 
     @property
     def files(self) -> list[Path]:

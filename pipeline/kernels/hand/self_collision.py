@@ -77,7 +77,7 @@ def box_gaps(
 
 
 @compiled
-def conflicts(
+def box_conflicts(
     world: Array,  # (O, C, 4, 4) frames of boxes
     half: Array,  # (C, 3) half extents
     first: Indices,  # (pairs,) of boxes that may not touch
@@ -156,7 +156,7 @@ def choose_postures(
 def finger_conflicts(hand: Hand, boxes: CollisionBoxes, frames: Array, gap: float) -> Mask:
     """Find where finger a in option i is too near finger b in option j, (F, F, O, O); filled for a < b."""
     owner = hand.link_fingers[boxes.link]
-    return conflicts(world_boxes(boxes, frames), boxes.half, *_pairs(hand, boxes), owner, len(hand.fingers), gap)
+    return box_conflicts(world_boxes(boxes, frames), boxes.half, *_pairs(hand, boxes), owner, len(hand.fingers), gap)
 
 
 def rigid_bodies(hand: Hand) -> Indices:

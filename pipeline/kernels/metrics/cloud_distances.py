@@ -113,7 +113,7 @@ def checked_cloud(name: str, points: Floats) -> Array:
     return cloud
 
 
-def ring_indices(points: Floats, pose: Array, width: float, rings: int = 5) -> NDArray[np.int64]:  # (N,)
+def ring_indices(points: Floats, pose: Array, width: float, rings: int) -> NDArray[np.int64]:  # (N,)
     """Find the ring in which each surface point (N, 3) lies around a sensor, `width` m wide, at a pose (4, 4): 0, 1, … or -1.
 
     Ring k of 1, 2, … holds the points with |x|, |y| ≤ k · width / 2 in the sensor's frame that are not in ring k - 1, and with
@@ -130,7 +130,7 @@ def ring_indices(points: Floats, pose: Array, width: float, rings: int = 5) -> N
     return np.where(outside, -1, multiple)
 
 
-def ring_means(squared: Array, ring: NDArray[np.int64], rings: int = 5) -> tuple[Array, NDArray[np.int64]]:  # (rings,) each
+def ring_means(squared: Array, ring: NDArray[np.int64], rings: int) -> tuple[Array, NDArray[np.int64]]:  # (rings,) each
     """Compute the mean squared distance per ring, m², of points (N,), and the number of its points; of none, the mean is 0."""
     inside = ring >= 0
     if not np.isfinite(squared[inside]).all():

@@ -21,7 +21,7 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.charts.vision_charts import VisionCharts, vision_charts
 from pipeline.kernels.geometry.mesh import directed_edges
-from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, pool_features, project_to_pixels
+from pipeline.kernels.networks.image_encoder import ImageEncoder, pool_features, project_to_pixels
 from pipeline.kernels.networks.network_configurations import NetworkConfig, TouchEdges
 from pipeline.kernels.tensors import draw_weights
 
@@ -194,8 +194,7 @@ class DeformationNetwork(nn.Module):
         pooled = 0
         with torch.random.fork_rng(devices=[]):  # layers draw from torch's own generator; weights are drawn again from ours
             if config.image is not None:
-                plan = ENCODER_PLANS[config.encoder_layers]
-                self.encoder = ImageEncoder(plan, config.encoder_kernel, config.encoder_norm, config.encoder_width)
+                self.encoder = ImageEncoder(config)
                 pooled = self.encoder.channels
                 if config.encoder_linear is not None:
                     self.linear = nn.Linear(pooled, config.encoder_linear)

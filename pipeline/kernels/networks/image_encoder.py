@@ -11,7 +11,7 @@ from torch.nn import functional
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import check_shape
-from pipeline.kernels.networks.network_configurations import Norm
+from pipeline.kernels.networks.network_configurations import NetworkInputs, Norm
 from pipeline.kernels.tensors import COLOURS, check_intensities
 
 GROUPS = 8  # most groups of channels of a group normalisation; fewer where groups would have different sizes
@@ -66,14 +66,14 @@ def _normalisation(norm: Norm, channels: int) -> nn.Module:
 class ImageEncoder(nn.Module):
     """Computes feature maps of images at several depths.
 
-    `kernel` is the pixels per side of each convolution, 3 (the tables) or 5 (the authors' release). `norm` is "batch" (Tables 7-10),
-    "instance" (Table 11), or "group", of groups of channels of one image. `width` is each layer's channels over the plan's, rounded, one at
-    least. `grids` hold where the elements of each tapped map are centred, `channels` counts those of all tapped maps together, `deepest`
-    those of the last one.
+    Convolutions are of 3 pixels per side (the tables) or 5 (the authors' release), normalisation is "batch" (Tables 7-10), "instance"
+    (Table 11), or "group", of groups of channels of one image; channels are rounded, one at least. `grids` hold where the elements of each
+    tapped map are centred, `channels` counts those of all tapped maps together, `deepest` those of the last one.
     """
 
-    def __init__(self, plan: EncoderPlan, kernel: int = 3, norm: Norm = "batch", width: float = 1.0):
+    def __init__(self, inputs: NetworkInputs) -> None:
         super().__init__()
+        plan, kernel, norm, width = ENCODER_PLANS[inputs.encoder_layers], inputs.encoder_kernel, inputs.encoder_norm, inputs.encoder_width
         self.plan, self.kernel, self.norm = plan, kernel, norm
         self.padding = (kernel - 3) // 2 if plan.shrinks else (kernel - 1) // 2
         channels = [COLOURS, *(max(1, round(count * width)) for count, _ in plan.layers)]

@@ -16,7 +16,7 @@ from torch.nn import functional
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.metrics.chamfer import SearchCloud
-from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, MapGrid, pool_features, project_to_pixels
+from pipeline.kernels.networks.image_encoder import ImageEncoder, MapGrid, pool_features, project_to_pixels
 from pipeline.kernels.networks.network_configurations import ImplicitConfig
 from pipeline.kernels.tensors import COLOURS, draw_weights
 
@@ -150,8 +150,7 @@ class ImplicitNetwork(nn.Module):
         self.encoder: ImageEncoder | None = None
         with torch.random.fork_rng(devices=[]):  # layers draw from torch's own generator; weights are drawn again from ours
             if config.image is not None:
-                plan = ENCODER_PLANS[config.encoder_layers]
-                self.encoder = ImageEncoder(plan, config.encoder_kernel, config.encoder_norm, config.encoder_width)
+                self.encoder = ImageEncoder(config)
                 self.seen = nn.Linear(self.encoder.deepest * POOLED_SIDE**2, overall)
                 inputs += COLOURS + self.encoder.channels + overall + (config.image == "any")  # and whether there is an image
             if config.touch:

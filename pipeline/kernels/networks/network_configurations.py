@@ -6,9 +6,9 @@ from typing import Literal, Self
 from pydantic import Field
 
 from pipeline.entries import Entries
-from pipeline.kernels.charts.touch_chart import MAX_SIDE
+from pipeline.kernels.charts.touch_chart import MAX_SIDE, SIDE
 from pipeline.kernels.charts.vision_charts import MAX_SPLITS
-from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL
+from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, POSITION
 
 Norm = Literal["batch", "instance", "group"]
 ImageKind = Literal["occluded", "unoccluded", "rendering", "any"]
@@ -29,8 +29,8 @@ class NetworkInputs(Entries):
     encoder_kernel: Literal[3, 5] = 3  # pixels per side
     encoder_norm: Norm = "batch"
     encoder_width: float = Field(default=1.0, gt=0, le=64)  # channels over the plan's
-    side: int = Field(default=9, ge=3, le=MAX_SIDE)  # vertices along a side of a touch chart
-    centre: tuple[float, float, float] = (0.0, 0.0, 0.6)  # of the ball that objects lie in, m, world
+    side: int = Field(default=SIDE, ge=3, le=MAX_SIDE)  # vertices along a side of a touch chart
+    centre: tuple[float, float, float] = tuple(POSITION.tolist())  # of the ball that objects lie in, m, world
     radius: float = Field(default=RADIUS, gt=0)  # m; networks see positions in radii from the centre
 
     def restricted_to(self, inputs: "NetworkInputs") -> Self:

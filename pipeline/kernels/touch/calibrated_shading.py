@@ -11,7 +11,6 @@ import numpy as np
 
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.compiled import compiled
-from pipeline.kernels.touch.depth_maps import gel_under
 from pipeline.kernels.touch.sensor import MM, POSITION_TERMS, SLOPE_TERMS, Box, Calibration, Sensor, pixel_centres
 
 FLAT = 1e-7  # m of indentation below which pixels at the ends of a row, also above and below, are not shaded
@@ -53,11 +52,6 @@ def _sweep(image: Array, shift: float, drop: float, shade: Array) -> None:
         near, far = padded[offset + 2 : offset + 2 + length], padded[offset + 3 : offset + 3 + length]
         for i in range(length):
             edge[i] = near[i] + share * (far[i] - near[i]) - drop
-
-
-def calibrated_change(pressed: Array, sensor: Sensor, calibration: Calibration) -> Array:  # (rows, cols, 3) levels
-    """Compute the change of colours that an impression D' (rows, cols), m, makes."""
-    return indentation_change(gel_under(pressed, sensor).indentation, sensor, calibration)
 
 
 def indentation_change(bump: Array, sensor: Sensor, calibration: Calibration) -> Array:  # (rows, cols, 3) levels

@@ -56,7 +56,7 @@ _TURNED: dict[str, Callable[[Array], Array]] = {
     "turned by 180° and transposed": lambda cells: cells.swapaxes(0, 1)[::-1, ::-1],
 }
 ORIENTATIONS = tuple(_TURNED)
-COLOURS = ("RGB", "BGR", "grey", *("".join(order) for order in permutations("RGB") if "".join(order) not in ("RGB", "BGR")))
+COLOUR_ORDERS = ("RGB", "BGR", "grey", *("".join(order) for order in permutations("RGB") if "".join(order) not in ("RGB", "BGR")))
 """Which colours of the reference are a photograph's red, green and blue."""
 
 
@@ -64,7 +64,7 @@ COLOURS = ("RGB", "BGR", "grey", *("".join(order) for order in permutations("RGB
 class Alteration:
     """How a photograph is made from its reference. Differences are medians over cells, in levels."""
 
-    colours: str  # one of `COLOURS`
+    colours: str  # one of `COLOUR_ORDERS`
     orientation: str  # how the reference is turned
     gain: float  # brightness over the reference's
     gains: tuple[float, float, float]  # the same of red, green and blue
@@ -105,7 +105,7 @@ def find_alteration(photograph: Cells, reference: Cells) -> Alteration:  # none 
     plain = _compare(cells, reference_cells, "RGB", orientations[0])
     if plain.is_none and plain.difference <= ALIKE:
         return plain
-    kinds = sorted(product(COLOURS, orientations), key=_rank)
+    kinds = sorted(product(COLOUR_ORDERS, orientations), key=_rank)
     coarse, coarse_reference = (image.reshape(GRID // 2, 2, GRID // 2, 2, 3).mean(axis=(1, 3)) for image in (cells, reference_cells))
     candidates = [_altered(coarse_reference, *kind) for kind in kinds]
     for measure in (_gain, _gains) if plain.balanced > UNLIKE else (_gain,):  # perhaps white balance differs as well
@@ -136,7 +136,7 @@ def rim_change(photograph: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> f
 
 def _rank(kind: tuple[str, str]) -> tuple[int, int]:
     """Order alterations by how likely they are: one change before two, and orders of colours that no program writes last."""
-    colours, orientation = COLOURS.index(kind[0]), ORIENTATIONS.index(kind[1])
+    colours, orientation = COLOUR_ORDERS.index(kind[0]), ORIENTATIONS.index(kind[1])
     return min(colours, 1) + (colours > 2) + (orientation % 4 > 0), colours + orientation
 
 

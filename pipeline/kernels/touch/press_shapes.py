@@ -74,9 +74,7 @@ def random_press(
     >>> press = random_press(sensor, np.random.default_rng(0))
     >>> image = tactile_image(press.depth, sensor)
     """
-    ranges, names = ranges or PressRanges(), tuple(shapes or SHAPES)
-    if unknown := [name for name in names if name not in SHAPES]:
-        raise InvalidInput(f"there is no shape {unknown[0]!r}; there are {', '.join(SHAPES)}")
+    ranges, names = ranges or PressRanges(), tuple(map(known_shape, shapes or SHAPES))
     x, y = np.meshgrid(*pixel_centres(sensor))
     for _ in range(ATTEMPTS):
         name = names[int(rng.integers(len(names)))]
@@ -92,6 +90,13 @@ def random_press(
         except InvalidInput as error:  # at the rim: between the pixels, or where the gel is thin
             refused = error
     raise InvalidInput(f"none of {ATTEMPTS} shapes that were drawn can be pressed: {refused}; draw larger ones, and press less deep")
+
+
+def known_shape(name: str) -> str:
+    """Return the name of a random press; raise an `InvalidInput` if there is no such shape."""
+    if name not in SHAPES:
+        raise InvalidInput(f"there is no shape {name!r}; there are {', '.join(SHAPES)}")
+    return name
 
 
 def draw_mostly_small(limits: tuple[float, float], rng: np.random.Generator) -> float:
@@ -210,11 +215,10 @@ def random_patch(
     sensor: Sensor,
     rng: np.random.Generator,
     *,
-    ranges: PressRanges | None = None,  # of depth and tilt; by default those of `PressRanges`
-    scale: tuple[float, float] = (0.04, 0.5),  # least and greatest size of the pressed object, of its own size
+    ranges: PressRanges,  # of depth and tilt
+    scale: tuple[float, float],  # least and greatest size of the pressed object, of its own size
 ) -> Press:
     """Draw a press, of shape "patch", of a patch of an object, made smaller so that more of it fits on the gel."""
-    ranges = ranges or PressRanges()
     low, high = (faces.centre - faces.half).min(axis=1), (faces.centre + faces.half).max(axis=1)
     distance = float(length(high - low))  # from a point of the object, as far as no part of it is
     for _ in range(ATTEMPTS):

@@ -151,7 +151,6 @@ def trace_spheres(
     sensor: Sensor,
     *,
     tolerance: float,  # as in `sphere_traced_depth`
-    max_steps: int = MAX_STEPS,  # after which a ray counts as unsettled
 ) -> tuple[Array, Mask]:  # depth (rows, cols) m, +inf for a miss; settled (rows, cols)
     """Trace spheres along every ray, without exact intersection of unsettled rays.
 
@@ -174,7 +173,7 @@ def trace_spheres(
     tree.init(vertices, faces)
     cosine = np.abs(unit_vectors(face_cross_products(corners))[:, 2])  # of the angle between each face's normal and the rays
     active = np.arange(len(depth))
-    for _ in range(max_steps):
+    for _ in range(MAX_STEPS):
         squared, nearest, _ = tree.squared_distance(vertices, faces, points[active])
         distance = np.sqrt(squared)
         arrived = distance <= tolerance * cosine[nearest]

@@ -4,7 +4,6 @@ The sensor frame has its origin at the centre of the sensor plane, the base of t
 rows, +z is the outward normal. Lengths are metres.
 """
 
-import io
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
@@ -165,7 +164,7 @@ class Sensor(Entries):
     calibrated: Annotated[Calibration | None, Field(description="colours fitted to photographs")] = None
     photograph: Annotated[
         SkipJsonSchema[Annotated[bytes, Strict()] | None],
-        Field(exclude=True, repr=False, description="the background's PNG, which the loader reads"),
+        Field(exclude=True, repr=False, description="the background's pixels, rows * cols * 3 bytes, which the loader reads"),
     ] = None
 
     @model_validator(mode="after")
@@ -277,10 +276,8 @@ def resample(sensor: Sensor, rows: int, cols: int) -> Sensor:
         return sensor
     changes: dict[str, Any] = {"rows": int(rows), "cols": int(cols)}
     if sensor.photograph is not None:
-        photograph = Image.open(io.BytesIO(sensor.photograph)).convert("RGB")
-        with io.BytesIO() as file:
-            photograph.resize((cols, rows), Image.Resampling.BILINEAR).save(file, "PNG")  # its support widens where it averages
-            changes["photograph"] = file.getvalue()
+        photograph = Image.frombytes("RGB", (sensor.cols, sensor.rows), sensor.photograph)
+        changes["photograph"] = photograph.resize((cols, rows), Image.Resampling.BILINEAR).tobytes()  # its support widens where it averages
     return sensor.model_copy(update=changes)
 
 

@@ -1,13 +1,11 @@
 """Equations 2 to 5 per pixel, compiled: from the impression to the intensities of three lamps."""
 
-import io
 import math
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from pipeline.kernels.arrays import WHITE, Array
 from pipeline.kernels.compiled import compiled
@@ -116,15 +114,14 @@ def background(sensor: Sensor, calibration: Calibration) -> Array:  # (rows, col
         return polynomial_background(sensor, calibration.background)
     if sensor.photograph is None:
         raise ValueError(f"the background of sensor {sensor.name!r} is {calibration.background}, which was not loaded; use load_sensor")
-    image = _decoded(sensor.photograph)
-    if image.shape != (*sensor.shape, 3):
-        raise ValueError(f"{calibration.background} has the shape {image.shape}; sensor {sensor.name!r} needs {(*sensor.shape, 3)}")
-    return image
+    if len(sensor.photograph) != 3 * sensor.rows * sensor.cols:
+        raise ValueError(f"{calibration.background} has {len(sensor.photograph)} bytes; sensor {sensor.name!r} needs {(*sensor.shape, 3)}")
+    return _as_levels(sensor.photograph, sensor.shape)
 
 
 @lru_cache(maxsize=8)
-def _decoded(photograph: bytes) -> Array:
-    return np.asarray(Image.open(io.BytesIO(photograph)).convert("RGB"), np.float64)
+def _as_levels(pixels: bytes, shape: tuple[int, int]) -> Array:
+    return np.frombuffer(pixels, np.uint8).reshape(*shape, 3).astype(np.float64)
 
 
 @lru_cache(maxsize=8)

@@ -1,4 +1,4 @@
-"""Labels of the segmentation images."""
+"""Scenes: cameras, lamp, constant light and background; the labels of segmentation images."""
 
 from enum import IntEnum
 from typing import Annotated, Self
@@ -13,7 +13,7 @@ Intensity = Annotated[float, Field(ge=0, le=1e6)]
 
 
 class Label(IntEnum):
-    """Label the pixels of a segmentation."""
+    """What a pixel of a segmentation image shows."""
 
     BACKGROUND = 0
     OBJECT = 1
@@ -73,7 +73,7 @@ def _fit_together(cameras: tuple[NamedCamera, ...]) -> tuple[NamedCamera, ...]:
 
 
 class Scene(Entries):
-    """Describe the surroundings of an object: cameras, a lamp, constant light, a background."""
+    """The surroundings of an object."""
 
     name: str = Field(description="recorded in datasets")
     summary: str = Field(description="what it shows, in a sentence")

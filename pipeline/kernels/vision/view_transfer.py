@@ -1,5 +1,4 @@
-"""Images as another camera would have taken them from the same position, their background, cameras moved between positions, and the
-colours of a surface in an image.
+"""Images as another camera would have taken them from the same position, their background, and cameras moved between positions.
 
 Projection matrices are those of `projection_matrix`: world, m, to (column, row) in pixels, pixel centres at ½.
 
@@ -13,14 +12,11 @@ import scipy
 from numpy.typing import NDArray
 from PIL import Image
 
-from pipeline.kernels.arrays import Array, Integers, Mask
+from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.geometry.transforms import compose, invert_similarity, length, solve_3x3, unit_vectors
-from pipeline.kernels.vision.camera import project_points
 
 ALIKE = 6  # levels of 255 in each colour by which the background differs at most from the image's border
 UNCHANGED = 1e-3  # largest shift, pixels, at which an image is not resampled
-STEEPEST = 0.1  # cosine between normal and view below which a vertex is on the rim, where pixels may show the background
-OFFSET = 1e-3  # of a ray's start from a surface over the surface's diagonal
 OVERHEAD = 1e-3  # cosine of the elevation below which a camera is straight above or below; its image's top is its azimuth
 
 
@@ -145,29 +141,3 @@ def _scale(homography: Array, pixel: tuple[float, float]) -> float:
     numerators = np.array([u, v])
     slopes = (homography[:2, :2] * w - numerators[:, None] * homography[2, :2]) / w**2
     return float(np.sqrt(abs(np.linalg.det(slopes))))
-
-
-def seen_colors(
-    vertices: Array,  # (V, 3) world, m
-    faces: Integers,  # (F, 3) normals outwards
-    image: NDArray[np.uint8],  # (rows, cols, 3)
-    matrix: Array,  # (3, 4) the image's projection matrix, from `projection_matrix`
-    shown: Mask,  # (rows, cols) where the image shows the object, and no background or hand
-) -> tuple[NDArray[np.uint8], Mask]:  # (V, 3) 0 where not seen, (V,)
-    """Look up the colours of vertices in an image, and which are seen: those that face the camera, unoccluded, in a shown pixel."""
-    from pipeline.kernels.geometry.closed_surface import vertex_normals  # takes half a second
-    from pipeline.kernels.geometry.exterior_sampling import RayScene
-
-    rows, cols = shown.shape
-    to_camera = optical_centre(matrix) - vertices
-    to_camera /= np.linalg.norm(to_camera, axis=1, keepdims=True)
-    pixels = project_points(matrix, vertices)
-    in_image = ((pixels >= 0) & (pixels < [cols, rows])).all(axis=1)  # NaN behind the camera is not
-    seen = in_image & ((vertex_normals(vertices, faces) * to_camera).sum(axis=1) > STEEPEST)
-    col, row = pixels[seen].astype(np.int64).T
-    seen[seen] = shown[row, col]
-    seen[seen] = RayScene(vertices, faces).escape(vertices[seen], to_camera[seen], OFFSET)
-    colors = np.zeros((len(vertices), 3), np.uint8)
-    col, row = pixels[seen].astype(np.int64).T
-    colors[seen] = image[row, col]
-    return colors, seen

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from rich.console import Console
 
 from pipeline.config.manifest import load_manifest
 from pipeline.config.settings import Settings
@@ -18,7 +17,6 @@ from pipeline.console import Table
 from pipeline.contrib.report.figures import nearest_middle_farthest
 from pipeline.contrib.report.report_source import ReportSource, errors_table
 from pipeline.contrib.report.results import DEFAULT_SERIES, _ways, summarise
-from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
 from pipeline.models.shipped_weights import DEFAULT
 from pipeline.store.directory import DataDirectory
@@ -28,7 +26,6 @@ from schemas.surfaces import SURFACES
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import read_figures, read_root
 from stages.evaluate.scores import fitting_rows, learned_objects, measuring_settings
-from stages.evaluate.stage import Evaluate, EvaluationSettings
 from tests.command_line import vt
 from tests.engine.tiny_stages import pack
 from tests.stages import ball_dataset as spheres
@@ -44,10 +41,9 @@ def data(tmp_path_factory) -> Path:
     torch.set_num_threads(1)
     folder = tmp_path_factory.mktemp("balls")
     spheres.make_data(folder, 4, SPLITS)
-    spheres.make_implicit_model(folder, DEFAULT)
-    settings = EvaluationSettings(points=300, grasps=(1,), configurations=(f"{DEFAULT}-touch", f"{DEFAULT}-unoccluded"))
-    (plan,) = plans(Request(Evaluate(), settings, "balls", OBJECTS, "draft", 3, folder))
-    plan.make(Console(quiet=True))
+    spheres.make_implicit_model(folder, DEFAULT, spacing=0.05)
+    networks = f"configurations=[{DEFAULT}-touch,{DEFAULT}-unoccluded]"
+    spheres.run_stage(folder, "evaluate", OBJECTS, "points=300", "grasps=[1]", networks, seed=3)
     with pytest.MonkeyPatch.context() as patch:
         ship(patch, folder)
         vt("report", folder, "--shipped", "--no-pages")
@@ -145,10 +141,7 @@ def test_a_dataset_without_test_objects_has_a_report_without_shipped_rows(tmp_pa
 def test_the_summary_keeps_a_network_whose_own_meshes_were_scored_under_its_name(tmp_path):
     spheres.make_data(tmp_path, 4, SPLITS)
     spheres.make_model(tmp_path, "touch")
-    (plan,) = plans(
-        Request(Evaluate(), EvaluationSettings(points=300, grasps=(1,), configurations=("touch",)), "balls", OBJECTS, "draft", 3, tmp_path)
-    )
-    plan.make(Console(quiet=True))
+    spheres.run_stage(tmp_path, "evaluate", OBJECTS, "points=300", "grasps=[1]", "configurations=[touch]", seed=3)
     folder = DataDirectory(tmp_path).verified_folder("evaluation")
     scored = Path(shutil.copytree(folder, tmp_path / "scored"))
     root = json.loads((scored / "metrics.json").read_text())

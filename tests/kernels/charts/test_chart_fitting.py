@@ -9,7 +9,8 @@ import torch
 from numpy.typing import NDArray
 
 from pipeline.kernels.charts.chart_fitting import ChartFits, fit_charts
-from pipeline.kernels.charts.touch_chart import FitOptions, StopRule, chart_square
+from pipeline.kernels.charts.touch_chart import FitOptions, chart_square
+from schemas.charts import StopRule
 
 WIDTH, GEL, PIXELS = 0.01641, 0.0068, 100
 HALT = FitOptions(residual_limit=2.5e-4 / WIDTH)

@@ -103,7 +103,7 @@ def test_both_charts_of_a_displaced_thin_body_are_followed():
 def test_untouched_side_of_a_thin_body_stays_at_the_coarsest_resolution():
     """A plate 6 mm thick with charts all over its front, 3 mm before it."""
     plate = trimesh.creation.box((0.2, 0.2, 0.006)).subdivide_to_size(0.02)
-    places = np.linspace(-0.08, 0.08, 5)
+    places = np.linspace(-0.08, 0.08, 3)
     charts = np.array([0.0174 * SQUARE * [1, -1, 1] + [x, y, 0.006] for x in places for y in places])
     mesh = closed(plate.vertices, np.asarray(plate.faces), charts)
     assert mesh.volume == pytest.approx(0.2 * 0.2 * 0.009, rel=0.3)

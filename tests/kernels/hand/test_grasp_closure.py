@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.hand.grasp import Contact, closure_margin, contact_from_depth, opposition_angle
+from pipeline.kernels.hand.grasp import Contact, Grasp, closure_margin, contact_from_depth
 from pipeline.kernels.touch.depth_maps import CONTACT_MARGIN
 from pipeline.kernels.touch.sensor import pixel_centres
 
@@ -28,6 +28,11 @@ def sphere_depth(radius: float, distance: float) -> np.ndarray:
     return np.where(height > 0, distance - np.sqrt(np.maximum(height, 0)), np.inf)
 
 
+def grasp_of(contacts: list[Contact | None]) -> Grasp:
+    """Make a grasp with these contacts of a hand without joints."""
+    return Grasp(np.eye(4), *np.zeros((3, 0)), np.tile(np.eye(4), (len(contacts), 1, 1)), contacts)
+
+
 @pytest.mark.parametrize("pressed", [0.5e-3, 1e-3])
 def test_two_sensors_on_opposite_sides_of_a_sphere(pressed: float) -> None:
     """The gel is cut by a sphere in a disc; the two normals are opposite, and friction holds it with all edges alike."""
@@ -41,7 +46,7 @@ def test_two_sensors_on_opposite_sides_of_a_sphere(pressed: float) -> None:
     assert left.volume == pytest.approx(np.pi * deep**2 * (radius - deep / 3), rel=0.03)  # of the cap
     assert left.nearest == pytest.approx(SENSOR.w - deep, abs=1e-5)
     np.testing.assert_allclose(left.normal, [1, 0, 0], atol=1e-9)
-    assert opposition_angle([left, right]) == pytest.approx(180)
+    assert grasp_of([left, right]).opposition == pytest.approx(180)
     assert closure_margin([left, right], friction=0.5, size=radius) == 1
 
 
@@ -66,4 +71,4 @@ def test_two_contacts_close_where_the_line_between_them_is_in_both_friction_cone
 def test_contact_from_depth_is_none_without_touch() -> None:
     assert contact_from_depth(np.full(SENSOR.shape, np.inf), np.eye(4), SENSOR) is None
     assert contact_from_depth(np.full(SENSOR.shape, SENSOR.w), np.eye(4), SENSOR) is None
-    assert opposition_angle([]) == closure_margin([], friction=1.0, size=1.0) == 0
+    assert grasp_of([None]).opposition == closure_margin([], friction=1.0, size=1.0) == 0

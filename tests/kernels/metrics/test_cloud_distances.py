@@ -144,7 +144,7 @@ def test_rings_follow_the_definition(rings):
 
 def test_points_on_edges_belong_to_the_inner_ring_and_far_points_to_no_ring():
     points = np.array([[0.5, 0, 0], [0, -1.0, 0], [2.5, 2.5, 1.0], [0, 0, 1.001], [0, 0, -1.001], [2.501, 0, 0]])
-    np.testing.assert_array_equal(ring_indices(points, np.eye(4), 1.0), [0, 1, 4, -1, -1, -1])
+    np.testing.assert_array_equal(ring_indices(points, np.eye(4), 1.0, 5), [0, 1, 4, -1, -1, -1])
 
 
 def test_means_and_counts_of_rings():
@@ -164,7 +164,7 @@ def test_means_and_counts_of_rings():
 )
 def test_ring_indices_reject_invalid_points_pose_or_width(points, pose, width, message):
     with pytest.raises(ValueError, match=message):
-        ring_indices(points, pose, width)
+        ring_indices(points, pose, width, 5)
 
 
 @pytest.mark.parametrize(
@@ -176,8 +176,8 @@ def test_ring_indices_reject_invalid_points_pose_or_width(points, pose, width, m
 )
 def test_ring_means_reject_invalid_rings_and_distances(distances, rings, named):
     with pytest.raises(ValueError, match=named):
-        ring_means(distances, rings)
+        ring_means(distances, rings, 5)
 
 
 def test_ring_means_ignore_points_in_no_ring():
-    assert ring_means(np.array([1.0, np.nan]), np.array([0, -1]))[0][0] == 1
+    assert ring_means(np.array([1.0, np.nan]), np.array([0, -1]), 1)[0][0] == 1

@@ -5,6 +5,7 @@ import torch
 from torch import nn
 
 from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder
+from pipeline.kernels.networks.network_configurations import NetworkInputs
 
 TABLES_7_TO_9 = [*[(16, s) for s in (127, 125, 123, 121, 119)], *[(32, s) for s in (59, 57, 55, 53, 51)]]
 TABLES_7_TO_9 += [*[(64, s) for s in (25, 23, 21, 19, 17)], *[(128, s) for s in (8, 6, 4)]]
@@ -23,7 +24,7 @@ FIFTEEN += [(128, s) for s in (9, 7, 5)]
 @pytest.mark.parametrize(("layers", "shapes"), [(18, TABLES_7_TO_9), (12, TABLE_10), (15, FIFTEEN), (25, TABLE_11)])
 def test_shapes_after_every_layer(layers: int, shapes: list[tuple[int, int]], kernel: int) -> None:
     plan = ENCODER_PLANS[layers]
-    encoder = ImageEncoder(plan, kernel)
+    encoder = ImageEncoder(NetworkInputs(encoder_layers=layers, encoder_kernel=kernel))
     found = []
     for layer in encoder.layers:
         layer.register_forward_hook(lambda _module, _given, made: found.append(tuple(made.shape)))
@@ -37,7 +38,7 @@ def test_shapes_after_every_layer(layers: int, shapes: list[tuple[int, int]], ke
 def test_receptive_fields_are_centred_on_the_grid(layers: int, kernel: int) -> None:
     """The pixels that an element's gradient reaches lie evenly about the place that the grid gives for it."""
     plan = ENCODER_PLANS[layers]
-    encoder = ImageEncoder(plan, kernel, width=0.01)
+    encoder = ImageEncoder(NetworkInputs(encoder_layers=layers, encoder_kernel=kernel, encoder_width=0.01))
     size = 700 if plan.shrinks else 300  # 700: wide enough for the deepest unpadded receptive field
     images = torch.zeros(1, 3, size, size, requires_grad=True)
     features = images
@@ -64,12 +65,12 @@ def test_receptive_fields_are_centred_on_the_grid(layers: int, kernel: int) -> N
 
 def test_encoder_rejects_images_of_four_channels() -> None:
     with pytest.raises(ValueError, match=r"shape \(1, 4, 256, 256\)"):
-        ImageEncoder(ENCODER_PLANS[12])(torch.zeros(1, 4, 256, 256))
+        ImageEncoder(NetworkInputs(encoder_layers=12))(torch.zeros(1, 4, 256, 256))
 
 
 def test_group_normalisation_does_not_depend_on_the_other_images_of_a_batch():
     images = torch.rand(2, 3, 256, 256, generator=torch.Generator().manual_seed(0))
     for norm, alike in (("group", True), ("batch", False)):
-        encoder = ImageEncoder(ENCODER_PLANS[12], kernel=5, norm=norm, width=0.25).train()
+        encoder = ImageEncoder(NetworkInputs(encoder_layers=12, encoder_kernel=5, encoder_norm=norm, encoder_width=0.25)).train()
         together, alone = encoder(images)[0][:1], encoder(images[:1])[0]
         assert torch.allclose(together, alone, atol=1e-4) == alike

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.calibrated_shading import calibrated_change, polynomial_background, powers, shade_depth
+from pipeline.kernels.touch.calibrated_shading import indentation_change, polynomial_background, powers, shade_depth
 from pipeline.kernels.touch.depth_maps import membrane_indentation
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
@@ -62,17 +62,17 @@ def test_colours_are_the_polynomial_of_normal_depth_and_position_within_the_fitt
     optics = SMALL.calibrated.model_copy(update={"shadows": (), **changes})
     sensor = SMALL.model_copy(update={"membrane": 0.0, "calibrated": optics})
     pressed = bump() + 0.0004 * np.eye(48, 64)[::-1]
-    np.testing.assert_allclose(calibrated_change(pressed, sensor, optics), slow_change(sensor, pressed), atol=1e-9)
-    assert (calibrated_change(np.zeros(sensor.shape), sensor, optics) == 0).all()
+    np.testing.assert_allclose(indentation_change(pressed, sensor, optics), slow_change(sensor, pressed), atol=1e-9)
+    assert (indentation_change(np.zeros(sensor.shape), sensor, optics) == 0).all()
 
 
 def test_contact_deeper_than_the_fitted_range_casts_the_shadow_of_the_deepest() -> None:
     optics = SMALL.calibrated.model_copy(update={"deepest": 0.0006})
     no_shadow, no_limit = optics.model_copy(update={"shadows": ()}), optics.model_copy(update={"deepest": 10.0})
     sensor, deep = SMALL.model_copy(update={"membrane": 0.0}), bump()
-    cast = calibrated_change(deep, sensor, optics) - calibrated_change(deep, sensor, no_shadow)
+    cast = indentation_change(deep, sensor, optics) - indentation_change(deep, sensor, no_shadow)
     cut = np.minimum(deep, 0.0006)
-    expected = calibrated_change(cut, sensor, no_limit) - calibrated_change(cut, sensor, no_shadow)
+    expected = indentation_change(cut, sensor, no_limit) - indentation_change(cut, sensor, no_shadow)
     np.testing.assert_allclose(cast, expected, atol=1e-9)
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from pipeline.kernels.geometry.transforms import compose
-from pipeline.kernels.hand.distance_field import finger_clearance, gaps
+from pipeline.kernels.hand.distance_field import finger_clearance
+from pipeline.kernels.hand.grid_loops import gaps
 from pipeline.kernels.hand.pregrasp import tangent_palm_pose
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand, prepare_object
 from tests.kernels.hand.meshes import bar, mug, points_on

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from pipeline.dataset.object_rows import ObjectRows, touch_sensor
+from pipeline.dataset.object_rows import ObjectRows, sensor_of
 from pipeline.errors import InvalidInput, StageError
 from pipeline.formats.description_file import description_path
 from pipeline.kernels.touch.depth_maps import impression, press_gel, scaled_gel
@@ -45,7 +45,7 @@ def test_rows_follow_from_the_stored_depth(surfaces, tmp_path):
     worn = SENSOR.format(membrane_sensor(tmp_path))
     run_stage(surfaces, "simulate-presses", manifest(), *SMALL, worn, "simulate-presses.patches=0.5")
     rows = ObjectRows(surfaces, [*ARRAYS, "press_untouched"], None)
-    sensor = touch_sensor(rows.attributes("presses"))
+    sensor = sensor_of(rows.collections["presses"].first)
     assert sensor.shape == (36, 48)
     assert rows.read("press_untouched", rows.object_ids[0]).shape == (36, 48, 3)
     drawn = []
@@ -70,7 +70,7 @@ def test_elastic_gel_is_stored_with_pressure_and_force(surfaces, tmp_path):
     soft = SENSOR.format(elastic_sensor(tmp_path))
     run_stage(surfaces, "simulate-presses", manifest(), *SMALL, soft, "simulate-presses.patches=0")
     rows = ObjectRows(surfaces, [*ARRAYS, "press_pressure", "press_force"], None)
-    sensor = touch_sensor(rows.attributes("presses"))
+    sensor = sensor_of(rows.collections["presses"].first)
     for name in rows.object_ids:
         pressure, force = rows.read("press_pressure", name), rows.read("press_force", name)
         np.testing.assert_allclose(force, pressure.sum(axis=(1, 2)) * np.prod(sensor.pitch), rtol=1e-5)
@@ -81,7 +81,7 @@ def test_elastic_gel_is_stored_with_pressure_and_force(surfaces, tmp_path):
 def test_range_of_gel_factors_is_drawn_per_press(surfaces):
     run_stage(surfaces, "simulate-presses", manifest(), *SMALL, "simulate-presses.gel=[0.3, 3]", "simulate-presses.patches=0")
     rows = ObjectRows(surfaces, ARRAYS, None)
-    sensor = touch_sensor(rows.attributes("presses"))
+    sensor = sensor_of(rows.collections["presses"].first)
     name = rows.object_ids[0]
     wider = [
         indentation.sum() - press_gel(depth, sensor).indentation.sum()

@@ -84,7 +84,7 @@ def test_local_points_are_stored_on_request() -> None:
 def test_pose_that_is_not_finite_is_invalid_input() -> None:
     poses = six_poses()
     poses[1, 2, 0, 0] = np.nan
-    with pytest.raises(InvalidInput, match="NaN"):
+    with pytest.raises(InvalidInput, match="not finite"):
         run(TouchSettings(sensors=WORN), poses)
 
 

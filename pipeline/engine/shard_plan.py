@@ -7,8 +7,8 @@ from typing import Any, cast
 
 from rich.console import Console
 
-from pipeline.config.manifest import Object
 from pipeline.config.settings import ObjectSettings
+from pipeline.config.sources import Object
 from pipeline.console import Meter, abbreviate, pluralise
 from pipeline.engine import keys
 from pipeline.engine.executor import Work, check_assets
@@ -19,7 +19,7 @@ from pipeline.store import digest
 from pipeline.store.directory import Collection, DataDirectory, shard_of
 from pipeline.store.publish import commit_shard, withdraw
 from pipeline.store.record import Failure, ShardRecord, read_record
-from pipeline.store.rows import Result, Row, RowFiles, conform, row_digest
+from pipeline.store.rows import Result, Row, conform, row_digest
 from pipeline.store.shard import RowView, Shard
 from pipeline.store.storage import exists, remove
 from pipeline.store.validate import check_origins, problems_of
@@ -40,14 +40,14 @@ class ShardPlan(Plan):
     def __init__(self, request: Request[Any], directory: DataDirectory, number: int, shards: int) -> None:
         artifact = self.artifact = request.stage.output
         self.number, self.shards, self.schema = number, shards, (artifact.name, artifact.version)
-        self.rows = RowFiles(work := directory.work(artifact.name), artifact)  # that wait to be published
+        self.rows = directory.rows(artifact)  # that wait to be published
         self.requested: list[Unit] = []  # the units of a run: all of the shard, or with `only` the one
         # objects of the manifest that the shard will lack: `only` asks for another one, and they have not been made yet
         self.missing: tuple[str, ...] = ()
         self.elsewhere = DataDirectory(request.reuse) if request.reuse else None
         record_path = directory.shard_record(artifact.name, number, shards)
         items = [item for item in request.objects if shard_of(item.object_id, shards) == number]
-        super().__init__(request, directory, record_path, work / f"{record_path.stem}.lock", items)
+        super().__init__(request, directory, record_path, directory.work(artifact.name) / f"{record_path.stem}.lock", items)
 
     def refresh(self) -> None:
         """Read again what is published."""
@@ -143,8 +143,7 @@ class ShardPlan(Plan):
             return result
         with suppress(StoreError):
             row = shard.row(unit.name)
-            processor = shard.record.processor_of(row)
-            reused = Result(name=unit.name, key=unit.key, seconds=row.seconds, processor=processor, failure=row.failure)
+            reused = Result(name=unit.name, key=unit.key, seconds=row.seconds, processor=row.processor, failure=row.failure)
             return self.rows.save(reused, RowView(shard, unit.name).verify(), unit.category)
         return None
 
@@ -185,7 +184,7 @@ class ShardPlan(Plan):
         pending = sum(self._waiting(unit) is None and self._published(unit) is None for unit in self.requested)
         cost = self.stage.cost(self.settings)
         same = [shard.record for shard in self._existing().shards if shard.record.settings == self.settings.results()]
-        seconds = [row.seconds for record in same for row in record.rows]
+        seconds = [row.seconds for record in same for row in record.rows if row.failure is None]
         mean = sum(seconds) / len(seconds) if seconds else cost.seconds
         return pending, pending * mean / self.request.executor.processes, self.total * cost.kilobytes
 
@@ -255,16 +254,15 @@ class ShardPlan(Plan):
     def _process(self, units: list[Unit], console: Console) -> Iterator[Result]:
         """Process units; raise a bug in one of them, or the change of a file, at the end, when the others are done."""
         work = Work(self.stage, cast(ObjectSettings, self.settings), self.request.data, self.model_digests, self.assets)
-        bugs, changed, planned = [], [], {unit.name: unit for unit in units}
+        bugs, changed, items = [], [], {item.object_id: item for item in self.objects}
         with Meter(console, self.stage.name, len(units), "objects") as meter:
             for result in self.request.executor.run(work, units) if units else ():
                 meter.advance()
-                unit = planned[result.name]
                 if result.bug:
                     bugs.append(result)
-                elif self._unit(Object(unit.name, unit.category, dict(unit.source), unit.split)).key != unit.key:
-                    remove(self.rows.path(unit.name, unit.key))  # a file of the object is another one now: the row may be of either
-                    changed.append(unit.name)
+                elif self._unit(items[result.name]).key != result.key:
+                    remove(self.rows.path(result.name, result.key))  # a file of the object is another one now: the row may be of either
+                    changed.append(result.name)
                 else:
                     self._check_strictness(result)
                 yield result

@@ -1,4 +1,4 @@
-"""The files of a method: listed by object, checked and read; a reconstructor like any other."""
+"""The files of a method: listed by object, checked and read."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,7 +21,7 @@ from pipeline.kernels.geometry.mesh_cleaning import number_positions
 from pipeline.kernels.metrics.retrieval import mean_squared_distance
 from pipeline.models.reconstruction import Reconstruction
 from pipeline.rng import numpy_rng
-from stages.evaluate.measure import Case, Protocol, Reconstructor, sample_reconstruction
+from stages.evaluate.measure import Case, Method, Protocol, sample_reconstruction
 
 CLOUD = ".npy"
 """Suffix of a point cloud as an array; a PLY file may hold one too."""
@@ -41,7 +41,7 @@ UNITS = {1e-3: "km", 1e2: "cm", 1e3: "mm", 39.37: "inches"}
 """Units, by their number per metre."""
 
 
-class Files(Reconstructor):
+class Files(Method):
     """The reconstructions in a folder. Their inputs are not known: they are compared with the networks that take touches."""
 
     def __init__(
