@@ -45,7 +45,7 @@ def test_memory_and_open_files_stay_flat_over_300_objects_in_every_object_stage(
                 [unit for unit in plan.units if not unit.failure],
                 Work(stage, plan.settings, tmp_path, plan.model_digests, plan.assets),
             )
-            with WorkerProcesses() as executor:
+            with WorkerProcesses(1) as executor:
                 usage = [usage_of_children() for _ in executor.run(work, units)]
             print(f"{name}: {usage[49]} at object 50, {usage[-1]} at object {len(usage)}")
             assert usage[-1]["megabytes"] - usage[49]["megabytes"] < GROWTH_MB

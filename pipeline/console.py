@@ -5,9 +5,9 @@ import multiprocessing
 import re
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TextIO
+from typing import Any, TextIO, TypeVar
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
@@ -15,6 +15,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.segment import Segment
 from rich.table import Column
 from rich.table import Table as RichTable
+
+Item = TypeVar("Item")
 
 SECONDS_PER_LINE = 15.0
 NAMED = 5
@@ -70,16 +72,6 @@ def abbreviate(names: Sequence[str]) -> str:
     return ", ".join(names[:NAMED]) + (", …" if len(names) > NAMED else "")
 
 
-def print_table(console: Console, columns: Iterable[object], rows: Iterable[Iterable[object]], title: str = "") -> None:
-    """Print a table without rules, below its title, which may be wider; cells may hold rich's markup."""
-    table = RichTable(*(Column(str(name), overflow="fold") for name in columns), box=None, padding=(0, 2))
-    for row in rows:
-        table.add_row(*map(str, row))
-    if title:
-        console.print(f"\n[bold]{title}[/]")
-    console.print(table)
-
-
 Cell = object
 """Text, a number or an interval, which a format writes, a tuple of several, or None where there is no value."""
 Columns = dict[str, tuple[str, Callable[[Any], Cell]]]
@@ -124,20 +116,24 @@ def cell_text(cell: Cell, form: str = "") -> str:
     return cell if isinstance(cell, str) else f"{cell:{form}}"
 
 
-def show_tables(console: Console, tables: Iterable[Table]) -> None:
-    """Print tables, and lines of text between them."""
+def show_tables(tables: Iterable[Table], console: Console = console) -> None:
+    """Print tables without rules, each below its title, and lines of text between them."""
     for table in tables:
         if not table.columns:
             console.print(escape(table.title))
             continue
-        rows = [[f"[dim]{escape(cell)}[/]" if row.dim else escape(cell) for cell in table.text(row)] for row in table.rows]
-        print_table(console, map(escape, table.columns), rows, escape(table.title))
+        shown = RichTable(*(Column(escape(name), overflow="fold") for name in table.columns), box=None, padding=(0, 2))
+        for row in table.rows:
+            shown.add_row(*map(escape, table.text(row)), style="dim" if row.dim else None)
+        if table.title:  # it may be wider than the table
+            console.print(f"\n[bold]{escape(table.title)}[/]")
+        console.print(shown)
 
 
 def table_lines(table: Table) -> list[str]:
     """Write a table as lines of text, its columns aligned."""
     text = io.StringIO()
-    show_tables(Console(file=text, width=REDIRECTED_WIDTH, highlight=False, emoji=False), [table])
+    show_tables([table], Console(file=text, width=REDIRECTED_WIDTH, highlight=False, emoji=False))
     return [line.rstrip() for line in text.getvalue().splitlines()]
 
 
@@ -173,6 +169,14 @@ class Meter:
             self._last = time.monotonic()
             progress = f"{self._title}: {task.completed:.0f} of {task.total:.0f} {self._of}, {task.elapsed or 0:.0f} s{note}"
             self._bar.console.print(escape(progress))
+
+
+def with_progress(items: Sequence[Item], title: str, of: str = "objects", after: float = 0.0) -> Iterator[Item]:
+    """Iterate over items, with a meter on standard error."""
+    with Meter(errors, title, len(items), of, after=after) as meter:
+        for item in items:
+            yield item
+            meter.advance()
 
 
 def _owns_terminal(console: Console) -> bool:

@@ -1,6 +1,5 @@
 """Photographs of a gel: read depth, contact, normals and points in them with a sensor's network, and train one for one's own sensor."""
 
-import io
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,11 +10,10 @@ from typing import Any
 import numpy as np
 import zarr
 from numpy.typing import NDArray
-from PIL import Image
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
-from pipeline.formats.image_file import SUFFIXES, image_files
+from pipeline.formats.image_file import SUFFIXES, encode_image, image_files
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.depth_maps import gel_surface, press_gel, scaled_gel
 from pipeline.kernels.touch.photograph_faults import photograph_faults, rim_change, stop_at, untouched_faults
@@ -136,8 +134,8 @@ class TouchReader:
         return TouchReading(gel.indentation[0], gel.contact[0], self.sensor, rim_pressed)
 
 
-def write_reading(reading: TouchReading, folder: Path, name: str) -> list[Path]:
-    """Write a reading into a folder, which is made where it is missing; return the files and the group of `ZARR`.
+def write_reading(reading: TouchReading, folder: Path, name: str) -> None:
+    """Write a reading into a folder, which is made where it is missing, and its group of `ZARR`.
 
     `NAME-depth.png`, 16 bits, `PNG_STEP` m per level; `NAME-contact.png`, 255 in the contact; `NAME-normals.png`, (n + 1) / 2 as colours;
     `NAME.ply`, points in the contact with normals, m.
@@ -150,14 +148,9 @@ def write_reading(reading: TouchReading, folder: Path, name: str) -> list[Path]:
         "contact": np.where(reading.contact, 255, 0).astype(np.uint8),
         "normals": np.rint(127.5 * (normals + 1)).astype(np.uint8),
     }
-    files = []
     for label, pixels in pictures.items():
-        files.append(folder / f"{name}-{label}.png")
-        with io.BytesIO() as content:
-            Image.fromarray(pixels).save(content, "PNG")
-            write_atomically(files[-1], content.getvalue(), durable=False)
-    files.append(folder / f"{name}.ply")
-    write_atomically(files[-1], _ply(reading.points, normals[reading.contact]), durable=False)
+        write_atomically(folder / f"{name}-{label}.png", encode_image(pixels), durable=False)
+    write_atomically(folder / f"{name}.ply", _ply(reading.points, normals[reading.contact]), durable=False)
     group = zarr.open_group(folder / ZARR, mode="a").require_group(name)
     group.attrs["rim_pressed"] = reading.rim_pressed
     arrays: dict[str, tuple[np.ndarray, tuple[str, ...], dict[str, Any]]] = {
@@ -167,7 +160,6 @@ def write_reading(reading: TouchReading, folder: Path, name: str) -> list[Path]:
     }
     for key, (values, dims, attributes) in arrays.items():
         group.create_array(key, data=np.ascontiguousarray(values), dimension_names=dims, attributes=attributes, overwrite=True)
-    return [*files, folder / ZARR / name]
 
 
 def _ply(points: NDArray[np.float64], normals: NDArray[np.float32]) -> bytes:

@@ -86,6 +86,8 @@ def _load_plugin(entry: EntryPoint) -> ObjectStage | DatasetStage:
 
 def load_trade(name: str) -> Trade:
     """Load what the stage called `name`, one of `TRADED`, trades between speed and accuracy."""
+    if name not in TRADED:
+        raise InvalidInput(unknown_name("stage", name, TRADED))
     trade: Trade = import_module(STAGES[name].module).TRADE
     return trade
 

@@ -7,7 +7,7 @@ import pytest
 import typer
 
 from pipeline.cli.failures import report_failures
-from pipeline.console import Meter, console_on, pluralise, print_lines, print_table
+from pipeline.console import Meter, Row, Table, console_on, pluralise, print_lines, show_tables
 from pipeline.errors import InvalidInput
 
 
@@ -29,7 +29,8 @@ def test_meter_prints_nothing_for_short_work(capsys):
 
 
 def test_tables_in_a_log_keep_the_ends_of_cells(capsys):
-    print_table(console_on(sys.stdout), ["network", *"abcdefgh"], [[f"{'network-' * 9}{end}", *["1.23 (0.45–6.78)"] * 8] for end in "xyz"])
+    rows = [Row([f"{'network-' * 9}{end}", *["1.23 (0.45–6.78)"] * 8]) for end in "xyz"]
+    show_tables([Table("", ["network", *"abcdefgh"], rows)], console_on(sys.stdout))
     output = capsys.readouterr().out
     assert "…" not in output
     assert all(end in output for end in "xyz")
@@ -39,7 +40,7 @@ def test_tables_in_a_log_keep_the_ends_of_cells(capsys):
 def test_control_characters_are_printed_as_escapes(capsys):
     meter = Meter(console_on(sys.stdout), "a\x1b]0;owned\x07b", 1, "steps")
     meter._bar.console.print(meter._bar)
-    print_table(console_on(sys.stdout), ["\x9b2J"], [["\u202etxt.exe"]])
+    show_tables([Table("", ["\x9b2J"], [Row(["\u202etxt.exe"])])], console_on(sys.stdout))
     print_lines("é [bold] :smile: \x1b[31mred\n\udcff\x00\u2028")
     output = capsys.readouterr().out
     assert all(character.isprintable() or character == "\n" for character in output)

@@ -41,7 +41,7 @@ import sys
 from pathlib import Path
 from pipeline.cli import app
 from pipeline.console import console, show_tables
-from pipeline.contrib.report.results import results_tables
+from pipeline.contrib.report.results import Results
 from pipeline.store.directory import DataDirectory
 from tests.stages import ball_dataset as balls
 
@@ -50,7 +50,7 @@ balls.make_data(data, 6, splits)
 asked = ["train-ball.epochs=150", "evaluate.configurations=[ball-touch]", "evaluate.points=300", "evaluate.grasps=[1,2]"]
 for name in ("train-ball", "evaluate"):
     balls.run_stage(data, name, balls.objects(6, splits), *asked)
-show_tables(console, results_tables(DataDirectory(data), ["evaluation"]))
+show_tables(Results(DataDirectory(data), ["evaluation"]).tables)
 app(["predict", str(data / "f.ply"), "--data", str(data), "--configuration", "ball-touch", "--object", "f"])
 """
 

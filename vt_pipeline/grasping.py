@@ -43,7 +43,7 @@ class Grasps:
     pregrasp_angles, squeeze_angles
         (G, J) float64, as `joint_angles`: before the fingers close, and what drives them to press.
     held
-        (G,) bool, whether the object stays in the hand for a second of gravity; None without `hold_test`.
+        (G,) bool, whether the object stays in the hand for a second of gravity; None without `hold_test`, unless `search` is "hold".
     held_directions
         (G, 6) bool, the same with gravity along -x, +x, -y, +y, -z, +z; None but with `hold_test="six"`.
     """

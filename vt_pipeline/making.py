@@ -1,6 +1,5 @@
 """The pipeline from Python: its stages make datasets and trained models, which reconstruct what a robot saw and felt."""
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -81,7 +80,7 @@ def make(
     assignments = [assignment(name, value) for name, value in (settings or {}).items()]
     stated: dict[str, Any] = {"data": str(data), "assignments": assignments, "seed": seed, "units": units, "up": up}
     quiet, answers = console or Console(quiet=True), []
-    with Serial() if workers == 1 else WorkerProcesses(workers or len(os.sched_getaffinity(0))) as executor:
+    with Serial() if workers == 1 else WorkerProcesses(workers) as executor:
         for name in DATASET if stage == "dataset" else (stage,):
             request = make_request(name, str(manifest), preset, objects=Path(objects) if objects else None, executor=executor, **stated)
             answers += make_outputs(request, quiet, dry_run=dry_run)
@@ -135,10 +134,9 @@ def reconstruct(
     StageError, StoreError
         There is no such model, or it cannot be used.
     """
-    from pipeline.models.shipped_weights import models_location
     from pipeline.reconstruct import predict
 
-    folder = None if models is None else models_location(str(models))
+    folder = None if models is None else str(models)
     options = predict.PredictOptions(folder, configuration, training_seed, accelerator, seed, resolution)
     if not isinstance(observation, str | Path | RobotObservation):
         raise TypeError(f"observation is a RobotObservation or the path of an observation file; this is {type(observation).__name__}")

@@ -68,7 +68,7 @@ def _checks(data: Path) -> Iterator[Callable[[], object]]:
     yield lambda: _check_all(data)
     yield lambda: status.show(status.read_account(data), Console(file=io.StringIO()))
     yield lambda: status.read_account(data).to_json()
-    yield lambda: show_tables(Console(file=io.StringIO()), touch_tables(read_touches(data)))
+    yield lambda: show_tables(touch_tables(read_touches(data)), Console(file=io.StringIO()))
     for artifact in (SURFACES, GRASPS, TOUCH):
         yield lambda artifact=artifact: open_artifact(data, artifact.name)
     yield lambda: read_mesh(DataDirectory(data).collection(SURFACES).view("a"))

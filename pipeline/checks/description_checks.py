@@ -1,7 +1,7 @@
 """Checks of description files: what a sensor or scene file describes, as lines and as a picture; hands and manifests are beside."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -39,13 +39,20 @@ PRESS = 0.25
 """Depth to which ball and edge are pressed in, as a share of the gel's height in its middle."""
 
 
+class DescribedFile(NamedTuple):
+    """A description file, and where to draw what it describes."""
+
+    path: Path
+    kind: Kind
+    picture: Path  # PNG
+
+
 def check_file(
-    name: str,  # path of a file, or the name of a shipped one
-    picture: Path | None,  # PNG to write; by default NAME.png in the current folder
+    described: DescribedFile,
     meshes: MeshFiles | None = None,  # that a manifest is checked with
 ) -> list[str]:  # lines that describe the file's content; faults begin with "fault:"
     """Check a hand, sensor, scene or manifest file, and draw what it describes; an `InvalidInput` names each entry that cannot be used."""
-    path, kind, picture = described_file(name, picture)
+    path, kind, picture = described
     if kind == "manifest":
         return check_manifest(path, picture, meshes or MeshFiles())
     if meshes is not None:
@@ -54,14 +61,18 @@ def check_file(
     return checks[kind](path, picture)
 
 
-def described_file(name: str, picture: Path | None) -> tuple[Path, str, Path]:
-    """Find a description file, its kind, and the picture to draw, which may replace no file that it needs; parameters as `check_file`."""
+def described_file(
+    name: str,  # path of a file, or the name of a shipped one
+    picture: Path | None,  # PNG to write, which may replace no file that the description needs; by default NAME.png in the current folder
+) -> DescribedFile:
+    """Find a description file and its kind."""
     path = _path_of(name)
-    kind, picture = _kind_of(path), picture or Path(f"{path.stem}.png")
-    namesakes = [path.parent / file for file in (path.name, *texts_in(read_yaml(path))) if Path(file).name == picture.name]
+    content = read_yaml(path)
+    kind, picture = _kind_of(path, content), picture or Path(f"{path.stem}.png")
+    namesakes = [path.parent / file for file in (path.name, *texts_in(content)) if Path(file).name == picture.name]
     if _place(picture) in map(_place, namesakes):
         raise InvalidInput(f"{picture} is a file that {path} needs, and the picture would replace it; name another one with --picture")
-    return path, kind, picture
+    return DescribedFile(path, kind, picture)
 
 
 def _path_of(name: str) -> Path:
@@ -72,8 +83,7 @@ def _path_of(name: str) -> Path:
     return path
 
 
-def _kind_of(path: Path) -> str:
-    content: Any = read_yaml(path)
+def _kind_of(path: Path, content: Any) -> Kind:
     matches = {kind: len(entries & set(content)) for kind, entries in ENTRIES.items()} if isinstance(content, dict) else {}
     if not any(matches.values()):
         hints = "; ".join(f"a{'n' * (kind == 'observation')} {kind} has {', '.join(sorted(entries))}" for kind, entries in ENTRIES.items())

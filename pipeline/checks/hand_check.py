@@ -11,7 +11,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from pipeline.console import Meter, abbreviate, errors, pluralise
+from pipeline.console import Meter, abbreviate, errors, pluralise, with_progress
 from pipeline.drawing.colors import finger_colors
 from pipeline.drawing.plots import save_figure
 from pipeline.errors import InvalidInput
@@ -147,11 +147,9 @@ def _convex_notes(hand: Hand) -> Iterator[str]:
     """Describe what convex shapes in place of collision meshes lose, and the hollows that they fill."""
     links, _ = read_urdf(hand.urdf, hand.links[0].name)  # as they are, meshes and all
     meshed = [pair for pair in zip(links, hand.links, strict=True) if any(shape.kind == "mesh" for shape in pair[0].collisions)]
-    measured = {}
-    with Meter(errors, "measuring convex shapes", len(meshed), "links", after=1.0) as meter:
-        for link, convex in meshed:
-            measured[link.name] = convex_error(link, convex)
-            meter.advance()
+    measured = {
+        link.name: convex_error(link, convex) for link, convex in with_progress(meshed, "measuring convex shapes", "links", after=1.0)
+    }
     if not measured:
         return
     faces, kept = sum(error.faces for error in measured.values()), sum(error.kept for error in measured.values())

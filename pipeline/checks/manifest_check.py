@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from pipeline.config.manifest import SPLITS, load_manifest
 from pipeline.config.sources import Object, identity
-from pipeline.console import Columns, Meter, abbreviate, errors, pluralise, table_lines, tabulate
+from pipeline.console import Columns, abbreviate, pluralise, table_lines, tabulate, with_progress
 from pipeline.drawing.picture_sheet import spread_evenly
 from pipeline.drawing.plots import save_figure
 from pipeline.drawing.views import fitted_camera, render_mesh
@@ -104,13 +104,11 @@ def check_manifest(
     manifest = load_manifest(str(path)).with_units(meshes.units, meshes.up)
     objects = manifest.objects(meshes.root)
     checked, faults = list[CheckedObject](), list[str]()
-    with Meter(errors, "reading objects", len(objects), "objects", after=2.0) as meter:
-        for item in objects:
-            try:
-                checked.append(_read_object(item, meshes.units))
-            except (InvalidInput, OSError) as error:
-                faults.append(f"fault: {item.object_id}: {error}")
-            meter.advance()
+    for item in with_progress(objects, "reading objects", after=2.0):
+        try:
+            checked.append(_read_object(item, meshes.units))
+        except (InvalidInput, OSError) as error:
+            faults.append(f"fault: {item.object_id}: {error}")
     checked.sort(key=lambda item: (item.diagonal, item.in_file, item.name))
     sources = {item.object_id: item.source for item in objects}
     _draw(objects, {f"{item.name}\n{item.size(2)} m": sources[item.name] for item in spread_evenly(checked, DRAWN)}, picture)

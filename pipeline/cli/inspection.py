@@ -10,7 +10,7 @@ from pipeline.cli import options
 from pipeline.cli.failures import fail
 from pipeline.cli.options import DataArgument
 from pipeline.config.settings import value_text
-from pipeline.console import console, errors, print_lines, print_table, show_tables
+from pipeline.console import Row, Table, console, errors, print_lines, show_tables
 from pipeline.errors import InvalidInput, PipelineError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location
@@ -45,20 +45,20 @@ def check(
     from pipeline.checks.description_checks import check_file, described_file
     from pipeline.checks.manifest_check import MeshFiles
 
-    path, kind, drawing = described_file(file, picture)
+    described = described_file(file, picture)
+    path, kind, drawing = described
     meshes = None if objects is None and units is None and up is None else MeshFiles(objects, units, up)
     if kind == "observation" and meshes is None:
-        from pipeline.models.shipped_weights import models_location
         from pipeline.reconstruct.observation_picture import draw_observation
         from pipeline.reconstruct.predict import PredictOptions
 
-        network = PredictOptions(None if models is None else models_location(models), configuration)
+        network = PredictOptions(models, configuration)
         lines = draw_observation(path, drawing, network.reader().target)
     elif models is not None or configuration is not None:
         option = f"--models {models}" if configuration is None else f"--configuration {configuration}"
         raise InvalidInput(f"{path} is a {kind} file; only an observation is checked against models: leave out {option}")
     else:
-        lines = check_file(file, picture, meshes)
+        lines = check_file(described, meshes)
     print_lines(*lines)
     if any(line.startswith("fault:") for line in lines):
         raise typer.Exit(1)
@@ -76,19 +76,18 @@ def stages() -> None:
         reads = ", ".join(stage.reads(settings)) or "the manifest's meshes"
         console.print(f"[bold]{name}[/]  {stage.summary}\n  reads {reads}; writes {stage.writes(settings)}")
         rows = [
-            (setting, escape(value_text(info.default)), stage.settings_type.changes(setting), info.description)
+            Row([setting, value_text(info.default), stage.settings_type.changes(setting), info.description])
             for setting, info in stage.settings_type.model_fields.items()
         ]
-        print_table(console, ("setting", "default", "changes", "why"), rows)
+        show_tables([Table("", ["setting", "default", "changes", "why"], rows)])
 
 
 def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False) -> None:
     """Show contents, failures and Slurm jobs of a data directory."""
-    from pipeline.cluster.slurm import jobs_account
     from pipeline.tables import status as report
 
     directory = as_location(data)
-    account = report.read_account(directory, lambda: jobs_account(directory))
+    account = report.read_account(directory)
     if as_json:
         typer.echo(account.to_json())
     elif not (account.artifacts or account.folders or account.damaged or account.other_versions or account.jobs):
@@ -109,7 +108,7 @@ def summary(
 
     directory = as_location(data)
     print_lines(directory.resolve())
-    show_tables(console, touch_tables(read_touches(directory)))
+    show_tables(touch_tables(read_touches(directory)))
     missing = [name for name in SHOWN if not DataDirectory(directory).collection(ARTIFACTS[name]).shards]
     if missing:
         print_lines(f"no contact sheets: {' and '.join(missing)} {'have' if len(missing) > 1 else 'has'} not been made")

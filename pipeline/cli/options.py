@@ -1,6 +1,5 @@
 """Options that commands share, how a shell completes them, and the executor made from them."""
 
-import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated, Literal, cast, get_args, get_origin
@@ -153,4 +152,4 @@ def make_executor(name: ExecutorName, workers: int, scheduler: str | None) -> Ex
         from pipeline.engine.dask_executor import Dask
 
         return Dask(scheduler)
-    return WorkerProcesses(workers or len(os.sched_getaffinity(0)))
+    return WorkerProcesses(workers)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any, cast, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import typer
@@ -20,6 +20,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location
 
 MM, MM2 = 1e3, 1e6
+Surface = Literal["charts", "joined", "both", "closed"]
 
 
 def predict(
@@ -45,7 +46,7 @@ def predict(
         Path | None, typer.Option(help="YAML file of what a robot saw and felt (docs/guide/own-photographs.md); instead of --data.")
     ] = None,
     training_seed: Annotated[int, typer.Option(min=0, help="Which training of the model, where there are several.")] = 0,
-    surface: Annotated[str, typer.Option(help="charts, joined (at their seams), both, or closed: one smooth watertight mesh.")] = "both",
+    surface: Annotated[Surface, typer.Option(help="charts, joined (at their seams), both, or one smooth closed mesh.")] = "both",
     resolution: Annotated[int, typer.Option(min=64, max=400, help="Edges of the closed mesh along its longest side.")] = 128,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the chart fitting.")] = 0,
 ) -> None:
@@ -53,12 +54,9 @@ def predict(
 
     The grasps are those of a data directory, or what an observation file describes: it is checked as a whole before anything runs.
     """
-    from pipeline.models.shipped_weights import models_location
     from pipeline.reconstruct import predict as prediction
 
-    if surface not in get_args(prediction.Surface):
-        fail(f"--surface {surface}: it is one of {', '.join(get_args(prediction.Surface))}")
-    source: prediction.Source = observation
+    source: prediction.Observed = observation
     if data is not None:
         if observation is not None:
             fail("give a data directory and an object, or an observation, not both")
@@ -68,9 +66,8 @@ def predict(
     elif object_id is not None or grasps or view:
         option = "--object" if object_id is not None else "--grasp" if grasps else "--view"
         fail(f"{option} is of a data directory: name --data and --object, or omit it")
-    place = models_location(models) if models else None
-    options = prediction.PredictOptions(place, configuration, training_seed, seed=seed, resolution=resolution)
-    result = prediction.predict(out, source, options, cast(prediction.Surface, surface))
+    options = prediction.PredictOptions(models or None, configuration, training_seed, seed=seed, resolution=resolution)
+    result = prediction.predict(out, source, options, surface)
     mesh = result.closed or result.reconstruction
     size = f"{len(mesh.vertices)} vertices, {len(mesh.faces)} faces, {result.given_places}"
     if (closed := result.closed) is not None:
@@ -116,7 +113,7 @@ def score(
 
     directory = DataDirectory(data)
     results = directory.verified_folder(measure(folder, directory.root, console, name=name, grasps=grasps, misplaced=misplaced))
-    show_tables(console, evaluation_tables(results))
+    show_tables(evaluation_tables(results))
     shown = f"`vt-pipeline report {shlex.quote(data)}` shows them beside the networks'"
     print_lines(f"{results / METRICS}: the means as JSON, with the settings; {shown}")
 

@@ -17,14 +17,14 @@ from pipeline.cli.failures import fail
 from pipeline.cli.run import print_made
 from pipeline.console import abbreviate, console, pluralise, print_lines
 from pipeline.engine.make import make
-from pipeline.formats.file_content import expanded
+from pipeline.formats.file_content import MESH_SUFFIXES, expanded
 from pipeline.recipes.dataset_recipe import Comparison, compare, recipe_of
 from pipeline.recipes.recipe import read_recipe
 from pipeline.store.atomic import UNFINISHED, atomic_writes
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location, list_folder, on_disk
 
-MESHES = (".obj", ".ply", ".stl", ".off", ".dae", ".gltf", ".3mf")
+MESHES = set(MESH_SUFFIXES) - {".glb"}
 """Suffixes of mesh formats that are not written: a folder with such a name would be a mistake."""
 
 

@@ -7,6 +7,7 @@ import shlex
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,7 +20,7 @@ from pipeline.cli.options import RUN
 from pipeline.cli.run import complete_stage, print_made
 from pipeline.config.manifest import load_manifest
 from pipeline.config.settings import Settings
-from pipeline.console import Row, Table, console, pluralise, print_lines, print_warning, show_tables
+from pipeline.console import console, pluralise, print_lines, print_warning, show_tables
 from pipeline.engine.make import make
 from pipeline.errors import StageError, unknown_name
 from pipeline.store.directory import DataDirectory
@@ -28,8 +29,7 @@ from pipeline.tradeoff import sweep as sweeps
 from stages.registry import DATASET, STAGES, TRADED, assignment, default_location, load_stage, make_request, resolve
 
 if TYPE_CHECKING:  # the commands below import these when they are called: scipy and matplotlib take most of a second
-    from pipeline.tradeoff.measure import Setup
-    from pipeline.tradeoff.trades import Choice, MeasuredTrade, Workload
+    from pipeline.tradeoff.trades import MeasuredTrade
 
 
 def tradeoff(
@@ -51,7 +51,7 @@ def tradeoff(
     `vt-pipeline advise` chooses by these figures. What is measured under the same code and settings is not measured again.
     """
     from pipeline.tradeoff.end_to_end import measure_end_to_end
-    from pipeline.tradeoff.measure import LONGEST, Setup, forecast, measure_trade, stages_before
+    from pipeline.tradeoff.measure import LONGEST, Setup, forecast, foreseen, measure_trade
 
     stage_names = tuple(stages or DATASET)
     if strange := [name for name in stage_names if name not in TRADED]:
@@ -67,20 +67,14 @@ def tradeoff(
         fail(f"manifest {request.manifest} has no objects; give --objects FOLDER")
     started, seconds = time.monotonic(), 60 * minutes
     setup = Setup(request.data, request.manifest, request.objects, request.seed, preset, tuple(assignments or ()))
-
-    def foreseen(setup: Setup) -> float:
-        """Foresee the seconds of the stages with all their candidates, and of the stages before them once."""
-        before = {name for stage in stage_names for name in stages_before(stage, setup)}
-        inputs = sum(map(setup.seconds, before))
-        return inputs + sum(forecast(stage, setup, LONGEST * seconds)[0] for stage in stage_names)
-
     trades = []
     if until:
         trades.append(measure_end_to_end(setup, seconds, console))
         _show(trades[0], request.data)
     else:
-        setup = setup.affordable(seconds, foreseen)
-        about = f"about {max(foreseen(setup) / 60, 0.1):.1f} min on {pluralise(len(setup.objects))}"
+        cost = partial(foreseen, stage_names, limit=LONGEST * seconds)
+        setup = setup.affordable(seconds, cost)
+        about = f"about {max(cost(setup) / 60, 0.1):.1f} min on {pluralise(len(setup.objects))}"
         print_lines(f"{', '.join(stage_names)}: {about}, less what is measured already")
         for stage in stage_names:
             if skipped := forecast(stage, setup, LONGEST * seconds)[1]:
@@ -97,7 +91,7 @@ def _show(trade: MeasuredTrade, data: Path) -> None:
     from pipeline.tradeoff.trade_pictures import draw_trade, trade_table
     from pipeline.tradeoff.trades import FOLDER
 
-    show_tables(console, [trade_table(trade)])
+    show_tables([trade_table(trade)])
     if trade.points:
         draw_trade(trade, path := data / FOLDER / f"{trade.stage}.svg", trade.own())
         print_lines(path)
@@ -120,7 +114,8 @@ def advise(
     It chooses among what `vt-pipeline tradeoff` measured. With --within: the most accurate within that time; with --error: the fastest
     within that error.
     """
-    from pipeline.tradeoff.measure import Setup
+    from pipeline.tradeoff.measure import Setup, current_trades
+    from pipeline.tradeoff.trade_pictures import choice_table
     from pipeline.tradeoff.trades import Workload, parse_duration, parse_limit, within_error, within_time
 
     if (within is None) == (error is None):
@@ -131,10 +126,10 @@ def advise(
     limit = None if error is None else parse_limit(error)  # before anything else, so that a mistake in it is reported first
     seconds = 0.0 if within is None else parse_duration(within)
     described = load_manifest(manifest)
-    trades = _current(Setup(where, described.name, (), described.seed, preset, tuple(assignments or ())))
+    trades = current_trades(Setup(where, described.name, (), described.seed, preset, tuple(assignments or ())))
     workload = Workload(objects or len(trades[0].objects), cores or len(os.sched_getaffinity(0)))
     choices = within_time(trades, workload, seconds) if limit is None else within_error(trades, workload, limit)
-    show_tables(console, [_table(choices, workload)])
+    show_tables([choice_table(choices, workload)])
     counts = [len(trade.objects) for trade in trades]
     measured_on = pluralise(max(counts)) if min(counts) == max(counts) else f"{min(counts)} to {max(counts)} objects"
     work = f"{pluralise(workload.objects)} on {pluralise(workload.cores, 'core')}"
@@ -144,34 +139,6 @@ def advise(
         f"{work}: {_duration(sum(choice.seconds for choice in choices))}, and seconds to start each stage, with these settings:",
         f"  --preset {preset}" + "".join(f" --set {shlex.quote(line)}" for line in changed),
     )
-
-
-def _current(setup: Setup) -> list[MeasuredTrade]:
-    """Read the trades that were measured with these settings and this code; fail if one that makes a dataset is missing."""
-    from pipeline.tradeoff.measure import stage_key
-    from pipeline.tradeoff.trades import read_trade
-
-    trades = []
-    for stage in TRADED:
-        trade = read_trade(setup.data, stage)
-        if trade is not None and trade.points and trade.key == stage_key(stage, setup):
-            trades.append(trade)
-        elif trade is not None or stage in DATASET:
-            how = "not measured yet" if trade is None else "measured with other settings or other code"
-            changed = "".join(f" --set {shlex.quote(line)}" for line in setup.assignments)
-            command = f"vt-pipeline tradeoff {stage} --data {shlex.quote(str(setup.data))} --preset {setup.preset}{changed}"
-            fail(f"{stage}: {how}; name the --data of `vt-pipeline tradeoff`, or run `{command}`, with your manifest and objects")
-    return trades
-
-
-def _table(choices: list[Choice], workload: Workload) -> Table:
-    rows = []
-    for choice in choices:
-        point, trade = choice.point, choice.trade
-        megabytes = point.kilobytes * (1 if trade.trained else workload.objects) / 1e3
-        unit = f"{trade.unit} {trade.metric}".strip()
-        rows.append(Row([trade.stage, point.label, choice.seconds, megabytes, point.error, choice.bound, unit]))
-    return Table("", ["stage", "settings", "s", "MB", "error", "at most", ""], rows, ["", "", ".3g", ".3g", ".3g", ".3g", ""])
 
 
 def _duration(seconds: float) -> str:
@@ -221,7 +188,7 @@ def sweep(
             failed += 1
             print_warning("failed", f"{folder}: {error}")
     if finished:
-        sweeps.show_sweep(finished, console)
+        show_tables([sweeps.sweep_table(finished)])
     if failed:
         fail(f"{pluralise(failed, 'point')} failed, see above")
 

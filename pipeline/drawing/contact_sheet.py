@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from pipeline.console import Meter, errors
+from pipeline.console import with_progress
 from pipeline.dataset.completed_objects import CompletedObjects
 from pipeline.drawing.grasp_pictures import GraspPictures, Rows, camera_images, grasp_note, size_note, touches_of
 from pipeline.drawing.picture_sheet import PICTURE, SheetRow, Tile, draw_sheet, spread_evenly
@@ -30,6 +30,7 @@ DRAWN = "contact-sheet.key"
 class Sheets(WrittenFiles):
     """The sheets of a data directory; no other file of it is replaced or removed."""
 
+    key: Sha256  # hash of all that they show
     files: dict[Annotated[str, Field(pattern=r"^contact-sheet(-[0-9]+)?\.png$")], Sha256]
 
 
@@ -42,7 +43,7 @@ def contact_sheets(data: Location, max_objects: int) -> list[Location]:
         sheets = read_list(data / DRAWN, Sheets)
     except StoreError:  # none was drawn, or the list is damaged
         sheets = Sheets(key="0" * 64, files={})
-    if not sheets.is_up_to_date(key, changed_files(data, sheets.files)):
+    if sheets.key != key or changed_files(data, sheets.files):
         before = sheets.files
         with atomic_writes(data) as folder:
             draw_contact_sheet(source, object_ids, folder / "contact-sheet.png")
@@ -56,11 +57,10 @@ def contact_sheets(data: Location, max_objects: int) -> list[Location]:
 def draw_contact_sheet(source: CompletedObjects, object_ids: Sequence[str], path: Path) -> list[Path]:
     """Draw the best grasps of objects into a file; later pages are called NAME-2.png and so on."""
     rows, scene, sensors = [], source.scene(), source.sensors()
-    with Renderer(scene) as renderer, Meter(errors, "contact sheets", len(object_ids), "objects", after=1.0) as meter:
+    with Renderer(scene) as renderer:
         pictures = GraspPictures(renderer, scene, source.hand(), sensors)
-        for object_id in object_ids:
+        for object_id in with_progress(object_ids, "contact sheets", after=1.0):
             rows.append(sheet_row(pictures, object_id, source.rows(object_id)))
-            meter.advance()
     note = (
         f"the best grasp of {len(object_ids)} of {len(source.collections['grasps'])} objects; a filled dot is a touch; "
         "mm: deepest point, from the sensor plane"

@@ -12,6 +12,7 @@ from PIL import Image, ImageDraw
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.drawing.colors import Color, depth_colors, finger_colors
 from pipeline.drawing.views import cameras_around, lamp_beside, towards, zoomed
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.kinematics import forward_kinematics
@@ -22,7 +23,6 @@ from pipeline.kernels.vision.camera import Camera, camera_pose, project_points, 
 from pipeline.kernels.vision.scene import Label, Scene
 from stages.render_vision.renderer import PosedMesh, Renderer
 
-Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]  # (rows, cols, 3)
 Rows = Mapping[str, Mapping[str, np.ndarray]]
 """An object's rows, by artifact."""

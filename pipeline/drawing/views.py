@@ -1,18 +1,16 @@
 """Cameras around a grasp, and pictures of single meshes."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.geometry.mesh import Look, Mesh
+from pipeline.kernels.arrays import Array
+from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.vision.camera import Camera, Vector, camera_pose, look_at, project_points, projection_matrix
 from pipeline.kernels.vision.scene import Label, Scene
 from pipeline.kernels.vision.view_transfer import camera_direction
 from stages.render_vision.renderer import Renderer
-
-Array = NDArray[np.float64]
 
 AZIMUTHS, ELEVATIONS = np.deg2rad(np.arange(-180, 180, 45)), np.deg2rad([25.0, -15.0])
 """Directions from which a second camera is chosen; a low one shows what the fingers do below."""
@@ -26,22 +24,6 @@ def render_mesh(renderer: Renderer, mesh: Mesh, camera: Camera | None = None) ->
     """Render a mesh alone, with a camera or the renderer's own."""
     with renderer.added(mesh, Label.OBJECT) as handle:
         return renderer.render([(handle, np.eye(4))], camera).rgb
-
-
-def painted_mesh(
-    vertices: NDArray[np.floating],  # (V, 3) m
-    faces: NDArray[np.integer],  # (F, 3)
-    material: NDArray[np.integer] | NDArray[np.bool_],  # (F,) numbers of colours
-    colors: Sequence[tuple[int, ...]],  # RGBA, 0 to 255
-) -> Mesh:
-    """Make a mesh in plain colours."""
-    look = Look(
-        uv=np.zeros((len(vertices), 2), np.float32),
-        face_material=material.astype(np.int32),
-        base_color=np.array(colors, np.uint8),
-        material_texture=np.full(len(colors), -1, np.int32),
-    )
-    return Mesh(vertices.astype(np.float64), faces.astype(np.int32), look)
 
 
 def fitted_camera(

@@ -1,15 +1,14 @@
-"""Lists of the files that reports and contact sheets wrote, with the keys of what they show."""
+"""Lists of the files that reports and contact sheets wrote."""
 
-from collections.abc import Container
 from pathlib import Path
 from typing import TypeVar
 
-from pydantic import Field, FiniteFloat, ValidationError
+from pydantic import ValidationError
 
 from pipeline.entries import Entries
 from pipeline.errors import StoreError, first_line
 from pipeline.store.directory import changed_files
-from pipeline.store.record import Name, RelativePath, Sha256
+from pipeline.store.record import RelativePath, Sha256
 from pipeline.store.storage import Location, exists, list_folder, read_bytes
 
 WRITTEN, REMEDY = "pages.json", "run `vt-pipeline report` again"
@@ -17,35 +16,10 @@ WRITTEN, REMEDY = "pages.json", "run `vt-pipeline report` again"
 Written = TypeVar("Written", bound=Entries)
 
 
-class WrittenFiles(Entries):
-    """Files that were written under a key."""
+class WrittenFiles(Entries, extra="ignore"):
+    """The files that were written; what else a list holds is its writer's."""
 
-    key: Sha256  # hash of all that the files show
     files: dict[RelativePath, Sha256]
-
-    def is_up_to_date(self, key: str, changed: Container[str]) -> bool:
-        """Check whether the files were written under this key, and none of them changed since."""
-        return self.key == key and not any(name in changed for name in self.files)
-
-
-class ObjectCard(WrittenFiles):
-    """The files of an object's page in a report, and facts for the gallery and the statistics."""
-
-    category: str
-    split: str
-    touches: int
-    areas: tuple[FiniteFloat, ...]  # of its contacts, m²
-
-
-class Pages(Entries):
-    """The files of a report: those of each object's page, and the others."""
-
-    objects: dict[Name, ObjectCard] = Field(default={})
-    files: dict[RelativePath, Sha256] = Field(default={})
-
-    def every_file(self) -> dict[str, str]:
-        """Collect the SHA-256 of every file, by its path below the report's folder."""
-        return {name: sha256 for card in self.objects.values() for name, sha256 in card.files.items()} | self.files
 
 
 def read_list(path: Location, kind: type[Written]) -> Written:
@@ -71,7 +45,7 @@ def report_problems(data: Location) -> dict[Location, list[str]]:
         return {}
     try:
         refuse_links(report)
-        changed = changed_files(report, read_list(report / WRITTEN, Pages).every_file())
+        changed = changed_files(report, read_list(report / WRITTEN, WrittenFiles).files)
     except StoreError as error:
         return {report / WRITTEN: [str(error)]}
     return {report / WRITTEN: [f"{name} {problem}; {REMEDY}" for name, problem in changed.items()]}

@@ -38,8 +38,9 @@ class WorkerProcesses(Executor):
 
     processes = 1
 
-    def __init__(self, processes: int = 1) -> None:
-        self.processes = processes
+    def __init__(self, processes: int = 0) -> None:
+        """Plan that many workers, by default one per core."""
+        self.processes = processes or len(os.sched_getaffinity(0))
         self._idle: list[_Worker] = []
         self._busy: list[_Worker] = []
         self._resources = ExitStack()

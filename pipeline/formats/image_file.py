@@ -1,4 +1,4 @@
-"""Image files as arrays: photographs, masks, depth images; and arrays that numpy saved."""
+"""Image files as arrays and back: photographs, masks, depth images; and arrays that numpy saved."""
 
 import io
 import math
@@ -69,6 +69,13 @@ def open_image(path: Path, formats: list[str] | tuple[str, ...] = FORMATS, *, ma
         raise InvalidInput(f"{path} is {problem}") from error
     except Exception as error:  # Pillow's readers raise whatever their parsing trips over
         raise InvalidInput(f"{path} cannot be read as an image ({error}); save it again") from error
+
+
+def encode_image(pixels: NDArray[Any], file_format: str = "PNG", **options: Any) -> bytes:
+    """Write an image as a file's bytes; `options` are Pillow's."""
+    buffer = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, file_format, **options)
+    return buffer.getvalue()
 
 
 def _read_pixels(path: Path, modes: tuple[str, ...], what: str, remedy: str, convert: Callable[[Image.Image], Any]) -> Any:

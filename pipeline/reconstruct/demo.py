@@ -23,7 +23,6 @@ from pipeline.kernels.metrics.cloud_distances import cloud_distances
 from pipeline.kernels.vision.camera import Camera
 from pipeline.kernels.vision.scene import Label
 from pipeline.models.shipped_weights import DEFAULT, shipped_models
-from pipeline.reconstruct.mesh_files import ClosedMesh
 from pipeline.reconstruct.predict import Prediction, PredictOptions, StoredGrasps, predict
 from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
@@ -35,8 +34,6 @@ MANIFEST, OBJECT = "toy", "bottle-0001"
 SETTINGS = ("simulate-grasps.grasps=1",)
 FRAMES, PIXELS, MILLISECONDS = 36, 256, 80
 """Of the turntable: pictures of a turn, pixels per side of each mesh, and time per picture."""
-GREY = (150, 170, 190)
-"""Colour of what the image does not show."""
 
 
 class Demo(NamedTuple):
@@ -69,17 +66,11 @@ def demo(folder: Path, console: Console) -> Demo:
     Image.fromarray(rows.read("occluded", OBJECT, 0, camera=0)).save(image_path)
     closed, points = prediction.closed, rows.read("points", OBJECT)
     assert closed is not None
-    draw_turntable(read_mesh(DataDirectory(data).collection(SURFACES).view(OBJECT)), _coloured_mesh(closed), turntable)
+    look = replace(Look.plain(len(closed.vertices), len(closed.faces), (255, 255, 255)), vertex_color=closed.painted)
+    reconstruction = Mesh(closed.vertices, closed.faces.astype(np.int32), look)
+    draw_turntable(read_mesh(DataDirectory(data).collection(SURFACES).view(OBJECT)), reconstruction, turntable)
     drawn, _ = sample_triangles(closed.vertices[closed.faces], len(points), np.random.default_rng(0))
     return Demo(mesh, turntable, image_path, prediction, cloud_distances(drawn, points).mean_distance, seconds)
-
-
-def _coloured_mesh(closed: ClosedMesh) -> Mesh:
-    """Make a mesh of a closed reconstruction, in the image's colours, grey elsewhere."""
-    colors = np.where(closed.seen[:, None], closed.colors, np.array(GREY, np.uint8))
-    look = Look.plain(len(closed.vertices), len(closed.faces), (255, 255, 255))
-    faces = closed.faces.astype(np.int32)
-    return Mesh(closed.vertices, faces, replace(look, vertex_color=np.insert(colors, 3, 255, axis=1)))
 
 
 def draw_turntable(truth: Mesh, reconstruction: Mesh, path: Path) -> None:

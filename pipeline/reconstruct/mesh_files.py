@@ -49,6 +49,11 @@ class ClosedMesh:
         colors, seen = seen_colors(self.vertices, self.faces, image, matrix, mask)
         return replace(self, colors=colors, seen=seen)
 
+    @property
+    def painted(self) -> NDArray[np.uint8]:  # (V, 4) sRGB
+        """The colours, grey where no image shows the mesh."""
+        return np.where(self.seen[:, None], np.insert(self.colors, 3, 255, axis=1), np.array(VISION_COLORS[0], np.uint8))
+
 
 def write_charts(
     path: Path,
@@ -75,8 +80,7 @@ def write_charts(
 
 def write_closed(path: Path, mesh: ClosedMesh, to_metres: NDArray[np.float64] = UPRIGHT) -> None:
     """Write one closed mesh, called closed, grey where no image shows it; frames as `write_charts`."""
-    painted = np.where(mesh.seen[:, None], np.insert(mesh.colors, 3, 255, axis=1), np.array(VISION_COLORS[0], np.uint8))
-    _write(path, [("closed", _mesh(mesh.vertices, mesh.faces, painted))], to_metres)
+    _write(path, [("closed", _mesh(mesh.vertices, mesh.faces, mesh.painted))], to_metres)
 
 
 def _charts(reconstruction: Reconstruction, name: str, starts: range, colors: Sequence[Opaque]) -> Parts:

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
+from pipeline.drawing.grasp_pictures import gel_squares
 from pipeline.drawing.plots import save_figure
-from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import optical_centre, split_projection
 from pipeline.reconstruct.object_location import ObjectBox, Target
@@ -18,15 +18,14 @@ from pipeline.reconstruct.observation_checks import CheckedObservation, check
 from pipeline.reconstruct.observation_file import RobotObservation, View
 from pipeline.reconstruct.observation_placement import describe_object, place_observation
 
-SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) / 2
-"""The outline of a gel, in units of its sides."""
-
 
 def draw_observation(path: Path, picture: Path, target: Target) -> list[str]:
     """Check an observation file for a network, and draw it; return lines that describe it and what the network is given."""
     checked = check(path, target)
     observation, box, placed = checked.observation, checked.box, place_observation(checked)
-    outlines = _outlines(observation)
+    outlines = np.zeros((0, 5, 3))  # of the gels' fronts, m
+    if observation.sensor is not None and observation.touches:
+        outlines = gel_squares(observation.sensor_poses, [observation.sensor] * len(observation.touches))[:, [0, 1, 2, 3, 0]]
     panels: list[Callable[[Axes], object]] = [partial(_draw_from, checked=checked, outlines=outlines, right=0, up=up) for up in (1, 2)]
     if observation.view is not None:
         panels.insert(0, partial(_draw_photograph, view=observation.view, box=box, outlines=outlines))
@@ -64,14 +63,6 @@ def _draw_photograph(axes: Axes, view: View, box: ObjectBox, outlines: np.ndarra
     for outline in outlines:
         axes.plot(*project_points(view.matrix, outline).T, color="C0")
     _draw_image(axes, view.camera.image, "mask, centre and gels in the photograph")  # last: it sets the limits
-
-
-def _outlines(observation: RobotObservation) -> np.ndarray:
-    """Compute the outlines of the gels' fronts, (T, 5, 3) m."""
-    if observation.sensor is None:
-        return np.zeros((0, 5, 3))
-    sensor = observation.sensor
-    return transform_points(observation.sensor_poses, np.insert(SQUARE * [sensor.width, sensor.height], 2, sensor.w, axis=1))
 
 
 def _draw_from(axes: Axes, checked: CheckedObservation, outlines: np.ndarray, right: int, up: int) -> None:

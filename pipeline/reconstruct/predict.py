@@ -18,7 +18,7 @@ from pipeline.models.device import device_of
 from pipeline.models.families import load_reconstructor, model_name, trained_folder, trained_models
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, close_reconstruction
-from pipeline.models.shipped_weights import DEFAULT, SHIPPED, shipped_models
+from pipeline.models.shipped_weights import DEFAULT, SHIPPED, models_location, shipped_models
 from pipeline.reconstruct.mesh_files import ClosedMesh, check_output, write_charts, write_closed
 from pipeline.reconstruct.network_error import error_note
 from pipeline.reconstruct.object_location import turn_to_z
@@ -39,7 +39,7 @@ RESOLUTIONS = 64, 400
 class PredictOptions:
     """Which network predicts, and how."""
 
-    models: Location | None = None  # folder of models; by default that of the data directory if it holds some, else the pretrained networks
+    models: Location | str | None = None  # folder of models, or `shipped`; by default the data directory's if it holds some, else `shipped`
     configuration: str | None = None  # the network; by default `occluded-touch`, of the pretrained ones that which accepts any inputs
     training_seed: int = 0  # of which training the network is
     accelerator: str = "auto"  # where networks run: "cpu", "cuda", or "auto"
@@ -55,7 +55,7 @@ class PredictOptions:
 
     def network(self, data: Location | None = None) -> tuple[Location, str]:
         """Choose the folder of models and the network, for objects of a data directory if one is named."""
-        models = self.models
+        models = models_location(self.models) if isinstance(self.models, str) else self.models
         if models is None and data is not None and (trained_models(data / "models", self.training_seed) or not trained_models(SHIPPED)):
             models = data / "models"
         if models is None and self.training_seed:
@@ -94,7 +94,7 @@ class StoredGrasps:
         return [0] if self.grasps is None else self.grasps
 
 
-Source = StoredGrasps | RobotObservation | Path | None
+Observed = StoredGrasps | RobotObservation | Path | None
 
 
 @dataclass(frozen=True)
@@ -105,8 +105,7 @@ class Prediction:
     touched: NDArray[np.bool_]  # (T,), of the given sensors: whether their charts are part of it
     visible: int = 0  # how many patches of the visible surface were given as touched
     closed: ClosedMesh | None = None  # if it was asked for
-    metres_per_unit: float = 1.0
-    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    to_metres: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))  # (4, 4) from its frame to metres with z up
     remarks: list[str] = field(default_factory=list)  # what was assumed, what differs from the training, and the network's error
     files: list[Path] = field(default_factory=list)
 
@@ -123,7 +122,7 @@ class Prediction:
 
 def predict(
     out: Path,  # .obj, .ply or .glb
-    source: Source = None,  # what the network is given, or the file of an observation; None for networks without inputs
+    source: Observed = None,  # what the network is given, or the file of an observation; None for networks without inputs
     options: PredictOptions | None = None,
     surface: Surface = "both",
 ) -> Prediction:
@@ -165,7 +164,7 @@ class _Given:
     placed: Placement | None = None  # of a robot's observation
 
 
-def _predicted(reader: ObservationReader, source: Source, surface: Surface, resolution: int) -> Prediction:
+def _predicted(reader: ObservationReader, source: Observed, surface: Surface, resolution: int) -> Prediction:
     if isinstance(source, StoredGrasps):
         given = _of_object(reader, source)
     else:
@@ -186,7 +185,9 @@ def _predicted(reader: ObservationReader, source: Source, surface: Surface, reso
     observed = placed.checked.observation
     touched, visible = np.split(inputs.touched, [len(observed.touches)])
     returned = replace(reconstruction, vertices=placed.returned(reconstruction.vertices))
-    return Prediction(returned, touched, len(visible), closed, observed.metres_per_unit, observed.up, remarks)
+    to_metres = np.eye(4)
+    to_metres[:3, :3] = observed.metres_per_unit * turn_to_z(np.array(observed.up))
+    return Prediction(returned, touched, len(visible), closed, to_metres, remarks)
 
 
 def _of_nothing(reader: ObservationReader) -> _Given:
@@ -236,15 +237,13 @@ def _of_object(reader: ObservationReader, stored: StoredGrasps) -> _Given:
 
 def _write(out: Path, prediction: Prediction, surface: Surface) -> list[Path]:
     """Write a prediction to one file, or two beside each other."""
-    to_metres = np.eye(4)
-    to_metres[:3, :3] = prediction.metres_per_unit * turn_to_z(np.array(prediction.up))
     if prediction.closed is not None:
-        write_closed(out, prediction.closed, to_metres)
+        write_closed(out, prediction.closed, prediction.to_metres)
         return [out]
     beside = out.with_name(f"{out.stem}-joined{out.suffix}")
     joined = {"joined": {out: True}, "both": {out: False, beside: True}}.get(surface, {out: False})
     if prediction.reconstruction.is_whole:  # joined already
         joined = {out: False}
     for path, is_joined in joined.items():
-        write_charts(path, prediction.reconstruction, to_metres, joined=is_joined)
+        write_charts(path, prediction.reconstruction, prediction.to_metres, joined=is_joined)
     return list(joined)

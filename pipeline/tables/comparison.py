@@ -20,7 +20,7 @@ COMPARED = ("points", "tau", "scale", "rings")
 MAY_DIFFER = ("training_seed", "configurations")
 """Settings in which evaluations of several trainings may differ."""
 
-Values = dict[str, dict[int, Figures]]
+Trainings = dict[str, dict[int, Figures]]
 """By configuration, the figures of each of its trainings, by seed."""
 
 
@@ -94,14 +94,9 @@ def _outdated(directory: DataDirectory, name: str) -> str | None:
     return "the pretrained network is another now; measure it with `report --shipped`" if other_weights else None
 
 
-def current_scores(directory: DataDirectory) -> list[str]:
-    """Name the scores that were made from the current inputs."""
-    return [name for name, problem in scores(directory).items() if problem is None]
-
-
-def read_values(folders: Sequence[Path]) -> Values:
+def read_values(folders: Sequence[Path]) -> Trainings:
     """Read the values per object of evaluations; raise a `StoreError` if their objects or settings differ."""
-    values: Values = {}
+    values: Trainings = {}
     first = read_root(folders[0])
     for folder in folders:
         root = read_root(folder)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.config.manifest import TOTAL
 from pipeline.console import Cell, Columns, Row, Table, pluralise, tabulate
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL
 from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, sampling_distance, sampling_share
@@ -43,7 +44,6 @@ SAMPLING_ALONE = "what sampling alone gives"
 """Label of the Chamfer distance between two samplings of one surface, on average."""
 
 Networks = Mapping[str, Figures]
-Values = NDArray[np.float64]  # (object,)
 
 
 def evaluation_tables(folder: Path, scored: Sequence[Path] = ()) -> list[Table]:
@@ -99,7 +99,7 @@ class GraspTables:
         if has_table(self.folder, "charts"):
             yield _charts(read_table(self.folder, "charts"))
 
-    def _estimate(self, values: Values, factor: float = 1.0) -> Interval | None:
+    def _estimate(self, values: Array, factor: float = 1.0) -> Interval | None:
         """Estimate the mean over objects; None without objects. Intervals of as many objects share their draws."""
         return mean_interval(factor * values, numpy_rng(self.seed, "intervals")) if len(values) else None
 
@@ -225,7 +225,7 @@ class GraspTables:
             yield tabulate(f"Closed surfaces with one grasp, {method if resolution else 'as they are'}", "model", closed, columns)
 
 
-def _shared(figures: Figures, metric: str, grasps: int) -> Values:
+def _shared(figures: Figures, metric: str, grasps: int) -> Array:  # (object,)
     """Take a metric of surfaces; the overlap of insides only of networks that close some of theirs."""
     closes = metric != "iou" or figures.available("watertight", grasps).any()
     return figures.available(metric, grasps) if closes else np.zeros(0)

@@ -1,7 +1,7 @@
 """List the contents of a data directory, for people and for scripts."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -11,6 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
+from pipeline.cluster.slurm import jobs_account
 from pipeline.console import Columns, abbreviate, pluralise, show_tables, tabulate
 from pipeline.errors import OtherVersion, StoreError
 from pipeline.store.directory import DataDirectory, made_by
@@ -80,12 +81,12 @@ class Account:
                 lines.append(str(error))
 
 
-def read_account(data: Location, jobs: Callable[[], Mapping[str, dict[str, Any]]] = dict) -> Account:
+def read_account(data: Location) -> Account:
     """Read every artifact and folder of a data directory, in the pipeline's order, and its jobs on a cluster."""
     directory, folder = DataDirectory(data), on_disk(data)
     account = Account(garbage=sum(_megabytes(files_below(path)) for path in all_unreferenced(directory)))
     with account.unless_unreadable():
-        account.jobs.update(jobs())
+        account.jobs.update(jobs_account(data))
     if not (folder.is_dir() if folder else list_folder(data) or account.jobs or account.damaged or account.other_versions):
         raise StoreError(f"{data.resolve()} is not a data directory; make one with `vt-pipeline run`, or name another")
     for name in directory.artifact_names():
@@ -142,7 +143,7 @@ def show(account: Account, console: Console) -> None:
     if folders := {entry.folder: entry for entry in account.folders}:
         facts: Columns = {"stage": ("", attrgetter("stage")), **size, "": ("", lambda entry: "stale" if entry.stale else "")}
         tables.append(tabulate("", "folder", folders, facts))
-    show_tables(console, tables)
+    show_tables(tables, console)
     stale = [*(entry.stale for entry in account.artifacts), *(entry.stale for entry in account.folders)]
     lines = [("yellow", "stale", why) for why in dict.fromkeys(stale) if why]
     if mixed := ", ".join(entry.artifact for entry in account.artifacts if len(entry.processors) > 1):
@@ -176,7 +177,7 @@ def _show_jobs(jobs: Mapping[str, dict[str, Any]], console: Console) -> None:
     columns: Columns = {"number": ("", lambda job: job["number"])}
     columns |= {state: ("", partial(_count, state)) for state in JOB_STATES}
     columns[""] = ("", lambda job: ", ".join(sorted({why for task, why in job["why"].items() if job["states"][task] != "failed"} - {""})))
-    show_tables(console, [tabulate("Slurm", "job", {job["name"]: job for job in jobs.values()}, columns)])
+    show_tables([tabulate("Slurm", "job", {job["name"]: job for job in jobs.values()}, columns)], console)
     failed = [(job, task) for job in jobs.values() for task, state in job["states"].items() if state == "failed"]
     for job, task in failed:
         console.print(f"[yellow]failed[/] {escape(job['name'])}, task {task}: {escape(job['why'][task])}")

@@ -20,15 +20,15 @@ from pipeline.config.sources import Object
 from pipeline.engine import keys
 from pipeline.engine.make import make
 from pipeline.engine.plan import Request
-from pipeline.engine.stage import Changes, Trade
-from pipeline.errors import InvalidInput, PipelineError, StoreError, unknown_name
+from pipeline.engine.stage import Changes
+from pipeline.errors import InvalidInput, PipelineError, StoreError
 from pipeline.formats.file_content import regular_stat
 from pipeline.rng import numpy_rng
 from pipeline.store import digest
 from pipeline.store.record import processor
 from pipeline.tradeoff.sweep import file_name
 from pipeline.tradeoff.trades import FOLDER, MeasuredTrade, Point, files_of, kilobytes, read_trade, times_of
-from stages.registry import GRASP_STAGES, TRADED, assignment, load_stage, load_trade, resolve
+from stages.registry import DATASET, GRASP_STAGES, TRADED, assignment, load_stage, load_trade, resolve
 
 TOUCH_ALONE = ("train-gcn.configuration=touch", "evaluate.configurations=[touch]")
 """The network whose trade is measured: it needs no images."""
@@ -131,12 +131,6 @@ def stage_key(stage: str, setup: Setup) -> str:
     return trade_key([*stages_before(stage, setup), stage], setup)
 
 
-def _declared(stage: str) -> Trade:
-    if stage not in TRADED:
-        raise InvalidInput(unknown_name("stage", stage, TRADED))
-    return load_trade(stage)
-
-
 def candidates(
     stage: str,
     setup: Setup,
@@ -144,7 +138,7 @@ def candidates(
     """List the settings to measure: the user's, those of other presets, and those that the stage declares."""
     user_settings, presets = setup.settings(stage), {name: setup.settings(stage, preset=name) for name in load_presets()}
     listed = [user_settings, *presets.values()]
-    for changes in _declared(stage).candidates:
+    for changes in load_trade(stage).candidates:
         with suppress(PipelineError):  # one that does not fit the user's other settings: more grasps than its attempts yield
             listed.append(setup.settings(stage, changes))
     points: dict[str, tuple[Settings, Point]] = {}
@@ -161,7 +155,7 @@ def candidates(
 
 def forecast(stage: str, setup: Setup, limit: float) -> tuple[float, list[str]]:
     """Predict the seconds of a stage's candidates; list those that are skipped as they exceed a limit even on few objects."""
-    trade, total, skipped = _declared(stage), 0.0, []
+    trade, total, skipped = load_trade(stage), 0.0, []
     after = setup.seconds(trade.evaluated_by) if trade.evaluated_by else 0.0
     for label, (settings, _) in candidates(stage, setup).items():
         seconds = setup.seconds(stage, settings)
@@ -172,6 +166,28 @@ def forecast(stage: str, setup: Setup, limit: float) -> tuple[float, list[str]]:
     if trade.reference is not None:
         total += setup.seconds(stage, setup.settings(stage, trade.reference))
     return total, skipped
+
+
+def foreseen(stages: Sequence[str], setup: Setup, limit: float) -> float:
+    """Predict the seconds of the candidates of all stages, as `forecast`, and of the stages before them once."""
+    before = {name for stage in stages for name in stages_before(stage, setup)}
+    return sum(map(setup.seconds, before)) + sum(forecast(stage, setup, limit)[0] for stage in stages)
+
+
+def current_trades(setup: Setup) -> list[MeasuredTrade]:
+    """Read the trades that were measured with these settings and this code; each stage that makes a dataset must have one."""
+    trades = []
+    for stage in TRADED:
+        trade = read_trade(setup.data, stage)
+        if trade is not None and trade.points and trade.key == stage_key(stage, setup):
+            trades.append(trade)
+        elif trade is not None or stage in DATASET:
+            how = "not measured yet" if trade is None else "measured with other settings or other code"
+            changed = "".join(f" --set {shlex.quote(line)}" for line in setup.assignments)
+            command = f"vt-pipeline tradeoff {stage} --data {shlex.quote(str(setup.data))} --preset {setup.preset}{changed}"
+            remedy = f"name the --data of `vt-pipeline tradeoff`, or run `{command}`, with your manifest and objects"
+            raise InvalidInput(f"{stage}: {how}; {remedy}")
+    return trades
 
 
 def measure_points(
@@ -225,7 +241,7 @@ def measure_trade(
     Raise an `InvalidInput` if the stage declares no trade; a `StoreError` if no object of the sample came through the
     stages, or none has what the error is measured on.
     """
-    trade, loaded = _declared(stage), load_stage(stage)
+    trade, loaded = load_trade(stage), load_stage(stage)
     skipped = forecast(stage, setup, limit)[1]
     listed = {label: entry for label, entry in candidates(stage, setup).items() if label not in skipped}
     if not listed:

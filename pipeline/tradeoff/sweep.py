@@ -5,9 +5,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from rich.console import Console
-
-from pipeline.console import print_table
+from pipeline.console import Row, Table
 from pipeline.store.digest import of_json
 from pipeline.store.record import FolderRecord
 
@@ -38,14 +36,14 @@ def file_name(label: str) -> str:
     return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 17]}-{of_json(label)[:16]}"
 
 
-def show_sweep(results: list[tuple[dict[str, Any], FolderRecord]], console: Console) -> None:
-    """Print the points in order of the validation loss of their best epoch."""
+def sweep_table(results: list[tuple[dict[str, Any], FolderRecord]]) -> Table:
+    """Tabulate the points in order of the validation loss of their best epoch."""
     ranked = sorted(results, key=lambda entry: entry[1].facts["best"]["loss"])
     rows = []
     for point, record in ranked:
         facts = record.facts
         epoch = f"{facts['best_epoch'] + 1} of {facts['epochs']}"
-        rows.append(
-            [*point.values(), f"{facts['best']['loss']:.4g}", epoch, f"{facts['parameters']:,}", f"{facts['training_seconds']:.0f}"]
-        )
-    print_table(console, [*ranked[0][0], "best loss", "epoch", "parameters", "training s"], rows)
+        rows.append(Row([*map(str, point.values()), facts["best"]["loss"], epoch, facts["parameters"], facts["training_seconds"]]))
+    settings = list(ranked[0][0])
+    columns = [*settings, "best loss", "epoch", "parameters", "training s"]
+    return Table("", columns, rows, [*[""] * len(settings), ".4g", "", ",", ".0f"])

@@ -1,6 +1,6 @@
 """Draw and tabulate measured trades: error over cost."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +11,11 @@ from matplotlib.transforms import BboxBase
 
 from pipeline.console import Row, Table, pluralise
 from pipeline.drawing.plots import INK, themed_svg
-from pipeline.tradeoff.trades import MeasuredTrade, Point
-from stages.registry import resolve
+from pipeline.tradeoff.trades import Choice, MeasuredTrade, Point, Workload
 
 BLUE, RED = "#4477aa", "#cc3311"
 LABEL_OFFSETS = ((True, 3), (True, -9), (False, 3), (False, -9), (True, 10), (True, -17))
 """Where a label is, in order of preference: whether to the right of its point, and how far upwards, points."""
-WHICH_NETWORK = ("configuration", "training_seed")
-"""Settings that say which network is trained, not how."""
-FROM_INPUTS = ("hand", "sensors")
-"""Settings that stages take from the grasps where they are null."""
 
 
 def draw_trade(trade: MeasuredTrade, path: Path, used: Point | None = None) -> None:
@@ -82,8 +77,12 @@ def trade_table(trade: MeasuredTrade) -> Table:
     return Table(title, ["settings", trade.cost, "kB", "error", ""], rows, ["", ".3g", ".3g", ".3g", ""])
 
 
-def used_point(trade: MeasuredTrade, settings: Mapping[str, Any]) -> Point | None:
-    """Find the point with the settings that the record of the stage's output names; None where they were not measured."""
-    own = resolve(trade.stage, trade.preset, trade.assignments).results()
-    base = {name: value for name, value in own.items() if name not in WHICH_NETWORK and (value is not None or name not in FROM_INPUTS)}
-    return next((point for point in trade.points if all(settings.get(k) == v for k, v in {**base, **point.changes}.items())), None)
+def choice_table(choices: Sequence[Choice], workload: Workload) -> Table:
+    """Tabulate chosen settings with their times, sizes and errors for a workload."""
+    rows = []
+    for choice in choices:
+        point, trade = choice.point, choice.trade
+        megabytes = point.kilobytes * (1 if trade.trained else workload.objects) / 1e3
+        unit = f"{trade.unit} {trade.metric}".strip()
+        rows.append(Row([trade.stage, point.label, choice.seconds, megabytes, point.error, choice.bound, unit]))
+    return Table("", ["stage", "settings", "s", "MB", "error", "at most", ""], rows, ["", "", ".3g", ".3g", ".3g", ".3g", ""])

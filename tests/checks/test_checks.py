@@ -11,9 +11,7 @@ from PIL import Image
 
 from pipeline.checks.description_checks import check_file, described_file
 from pipeline.checks.hand_check import gel_lines
-from pipeline.contrib.report.results import training_losses
-from pipeline.drawing.plots import draw_curves, draw_histogram
-from pipeline.errors import InvalidInput, StoreError
+from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.formats.sensor_file import load_sensor
 from tests.checks.edited_descriptions import edited
@@ -22,7 +20,7 @@ from tests.reconstruct.robot import write_files, write_observation
 
 @pytest.mark.parametrize("name", ["two_finger_gripper", "supplement", "one-of-each"])
 def test_shipped_files_have_no_faults_and_a_picture(name: str, tmp_path: Path) -> None:
-    lines = check_file(name, tmp_path / "a.png")
+    lines = check_file(described_file(name, tmp_path / "a.png"))
     assert "no faults" in lines[0]
     with Image.open(tmp_path / "a.png") as picture:
         assert picture.width > 300
@@ -30,20 +28,20 @@ def test_shipped_files_have_no_faults_and_a_picture(name: str, tmp_path: Path) -
 
 def test_elastic_gel_is_described_with_the_force_of_the_ball_in_the_picture(tmp_path: Path) -> None:
     path = edited("sensor", "gel_16mm", tmp_path / "soft.yaml", gel={"modulus": 2e5})
-    (line,) = [line for line in check_file(str(path), tmp_path / "a.png") if line.startswith("elastic")]
+    (line,) = [line for line in check_file(described_file(str(path), tmp_path / "a.png")) if line.startswith("elastic")]
     layer = "elastic gel: 0.2 MPa, Poisson's ratio 0.48, 6.8 mm; the ball in the picture, 1.7 mm deep"
     found = re.fullmatch(layer + r", presses with (\S+) N, at most (\S+) kPa", line)
     assert found
     hertz = 4 / 3 * 2e5 / (1 - 0.48**2) * (0.01641 / 4) ** 0.5 * 0.0017**1.5
     assert hertz < float(found[1]) < 2.5 * hertz  # of a half-space; the layer's plate is near
     assert 30 < float(found[2]) < 300
-    assert not [line for line in check_file("gel_16mm", tmp_path / "a.png") if line.startswith("elastic")]
+    assert not [line for line in check_file(described_file("gel_16mm", tmp_path / "a.png")) if line.startswith("elastic")]
 
 
 def test_ball_in_the_picture_is_pressed_into_a_gel_that_is_low_in_the_middle(tmp_path: Path) -> None:
     dish = {"heights": [[0.0068] * 3, [0.0068, 0.004, 0.0068], [0.0068] * 3]}
     path = edited("sensor", "gel_16mm", tmp_path / "dish.yaml", gel={"modulus": 2e5}, surface=dish)
-    (line,) = [line for line in check_file(str(path), tmp_path / "a.png") if line.startswith("elastic")]
+    (line,) = [line for line in check_file(described_file(str(path), tmp_path / "a.png")) if line.startswith("elastic")]
     assert re.search(r"the ball in the picture, 1(\.0\d)? mm deep, presses with \d*\.?\d*[1-9]\d* N", line)
 
 
@@ -57,10 +55,10 @@ def test_gel_lines_have_the_size_and_curvature_of_the_gel() -> None:
 def test_scene_whose_camera_looks_away_is_faulty(tmp_path: Path) -> None:
     (camera,) = yaml.safe_load(description_path("scene", "supplement").read_text())["cameras"]
     path = edited("scene", "supplement", tmp_path / "seen.yaml", cameras=[camera | {"name": "default"}])
-    assert "no faults" in check_file(str(path), tmp_path / "a.png")[0]
+    assert "no faults" in check_file(described_file(str(path), tmp_path / "a.png"))[0]
     away = camera | {"name": "away", "rotation": [70.458, 4.94, -66.46]}
     path = edited("scene", "supplement", tmp_path / "away.yaml", cameras=json.loads(json.dumps([camera, away])))
-    lines = check_file(str(path), tmp_path / "a.png")
+    lines = check_file(described_file(str(path), tmp_path / "a.png"))
     assert "faults below" in lines[0]
     assert any(line.startswith("fault: away: 256 x 256 pixels") for line in lines)
 
@@ -68,7 +66,7 @@ def test_scene_whose_camera_looks_away_is_faulty(tmp_path: Path) -> None:
 def test_picture_replaces_a_symbolic_link_and_keeps_its_target(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("mine")
     (tmp_path / "a.png").symlink_to(tmp_path / "thesis.txt")
-    check_file("supplement", tmp_path / "a.png")
+    check_file(described_file("supplement", tmp_path / "a.png"))
     assert (tmp_path / "thesis.txt").read_text() == "mine"
     with Image.open(tmp_path / "a.png") as picture:
         assert picture.width > 300
@@ -89,7 +87,7 @@ def test_picture_that_would_replace_a_file_of_the_observation_is_refused(tmp_pat
 
 def test_picture_of_an_unknown_format_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match=r"a.xyz: the suffix .xyz names no picture format; use .*png"):
-        check_file("supplement", tmp_path / "a.xyz")
+        check_file(described_file("supplement", tmp_path / "a.xyz"))
 
 
 FORMULA = r"$\frac{$"
@@ -100,27 +98,4 @@ def test_names_with_dollars_are_drawn_literally(tmp_path: Path) -> None:
     source = {"kind": "pybullet", "licence": "zlib", "category": FORMULA, "files": {"duck": {"file": "duck.obj"}}}
     manifest = {"name": "n", "description": "d", "seed": 0, "splits": {"train": 1, "valid": 0, "test": 0}, "sources": [source]}
     (tmp_path / "manifest.yaml").write_text(yaml.safe_dump(manifest))
-    check_file(str(tmp_path / "manifest.yaml"), tmp_path / "manifest.png")
-    draw_histogram(tmp_path / "areas.svg", {FORMULA: np.ones(3), "a\x00b": np.ones(2)}, x="x", y="y")
-    drawn = (tmp_path / "areas.svg").read_text()
-    assert FORMULA in drawn
-    assert "a\\x00b" in drawn
-
-
-def test_histogram_with_a_limit_counts_what_lies_beyond_its_decades(tmp_path: Path) -> None:
-    draw_histogram(tmp_path / "speed.svg", {"_": np.array([0.0, 1e-9, 3.0, 1e9, np.inf])}, x="speed", y="%", limit=10.0)
-    drawn = (tmp_path / "speed.svg").read_text()
-    assert "speed" in drawn
-    assert "stroke-dasharray" in drawn  # the limit
-
-
-def test_learning_curves_keep_the_powers_of_their_ticks_and_need_losses(tmp_path: Path) -> None:
-    (tmp_path / "metrics.json").write_text(json.dumps([{"loss": 0.1, "train_loss": 10.0}, {"loss": 0.01, "train_loss": 0.001}]))
-    draw_curves(*training_losses(tmp_path), tmp_path / "curves.svg")
-    drawn = re.sub("<!--.*?-->", "", (tmp_path / "curves.svg").read_text())
-    assert "epoch" in drawn
-    assert "mathdefault" not in drawn
-    for damage in ("", "[]", "{}", "[1]", '[{"loss": 1}]'):
-        (tmp_path / "metrics.json").write_text(damage)
-        with pytest.raises(StoreError, match=r"metrics.json lacks the losses"):
-            training_losses(tmp_path)
+    check_file(described_file(str(tmp_path / "manifest.yaml"), tmp_path / "manifest.png"))

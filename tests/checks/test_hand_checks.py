@@ -9,7 +9,7 @@ import pytest
 import trimesh
 import yaml
 
-from pipeline.checks.description_checks import check_file
+from pipeline.checks.description_checks import check_file, described_file
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
@@ -28,7 +28,7 @@ def gripper(folder: Path, urdf: str | None = None, **changes: Any) -> Path:
 
 
 def lines_of(folder: Path, urdf: str | None = None, **changes: Any) -> list[str]:
-    return check_file(str(gripper(folder, urdf, **changes)), folder / "a.png")
+    return check_file(described_file(str(gripper(folder, urdf, **changes)), folder / "a.png"))
 
 
 def fingers(number: int, **sensor: Any) -> list[dict[str, Any]]:

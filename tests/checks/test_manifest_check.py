@@ -9,7 +9,7 @@ import yaml
 from PIL import Image
 
 from pipeline.checks import manifest_check
-from pipeline.checks.description_checks import check_file
+from pipeline.checks.description_checks import check_file, described_file
 from pipeline.checks.manifest_check import MeshFiles
 from pipeline.errors import InvalidInput
 from tests.command_line import vt
@@ -35,7 +35,7 @@ def meshes(tmp_path: Path) -> Path:
 
 
 def check(tmp_path: Path, folder: Path, **stated: str) -> list[str]:
-    return check_file("directory", tmp_path / "a.png", meshes=MeshFiles(folder, **stated))
+    return check_file(described_file("directory", tmp_path / "a.png"), MeshFiles(folder, **stated))
 
 
 def test_picture_shows_the_meshes(tmp_path: Path, meshes: Path) -> None:
@@ -100,9 +100,9 @@ def test_command_exits_with_1_if_an_object_cannot_be_used(tmp_path: Path, meshes
 
 def test_only_a_manifest_takes_a_folder_and_units(tmp_path: Path, meshes: Path) -> None:
     with pytest.raises(InvalidInput, match="is a scene file; only a manifest takes a folder of objects"):
-        check_file("supplement", tmp_path / "a.png", meshes=MeshFiles(meshes))
+        check_file(described_file("supplement", tmp_path / "a.png"), MeshFiles(meshes))
     with pytest.raises(InvalidInput, match="names its own objects"):
-        check_file("one-of-each", tmp_path / "a.png", meshes=MeshFiles(meshes))
+        check_file(described_file("one-of-each", tmp_path / "a.png"), MeshFiles(meshes))
 
 
 def test_one_file_in_several_splits_is_reported(tmp_path: Path) -> None:
@@ -112,5 +112,5 @@ def test_one_file_in_several_splits_is_reported(tmp_path: Path) -> None:
     sources = [{"kind": "directory", "licence": "CC0", "path": str(tmp_path / split), "split": split} for split in ("train", "test")]
     described = {"name": "twice", "description": "d", "seed": 0, "splits": {"train": 0.5, "valid": 0.25, "test": 0.25}, "sources": sources}
     (tmp_path / "twice.yaml").write_text(yaml.safe_dump(described))
-    lines = check_file(str(tmp_path / "twice.yaml"), tmp_path / "p.png", meshes=MeshFiles(None))
+    lines = check_file(described_file(str(tmp_path / "twice.yaml"), tmp_path / "p.png"), MeshFiles(None))
     assert "warning: the same file in several splits: test (test), train (train)" in lines

@@ -41,7 +41,7 @@ from tests.engine.tiny_stages import (
 
 def test_workers_close_sessions_in_the_thread_that_opened_them_and_leave_no_files(tmp_path, monkeypatch):
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    run(request(tmp_path / "data", stage=Notes(tmp_path), executor=WorkerProcesses()))
+    run(request(tmp_path / "data", stage=Notes(tmp_path), executor=WorkerProcesses(1)))
     assert [path.name for path in tmp_path.glob("closed*")] == ["closed there"]
     assert (tmp_path / "threads").read_text() == "1"
     assert "OMP_NUM_THREADS" not in os.environ
@@ -52,7 +52,7 @@ def test_workers_close_sessions_in_the_thread_that_opened_them_and_leave_no_file
 
 def test_a_run_whose_worker_died_while_idle_continues(tmp_path):
     work, units = work_of(request(tmp_path))
-    with WorkerProcesses() as executor:
+    with WorkerProcesses(1) as executor:
         assert len([*executor.run(work, units[:1])]) == 1
         (worker,) = executor._idle
         os.kill(worker.process.pid, signal.SIGKILL)
@@ -73,7 +73,7 @@ def test_no_more_workers_start_than_there_are_units_and_they_are_reused(tmp_path
 
 
 def test_reused_workers_read_replaced_inputs(tmp_path):
-    with WorkerProcesses() as executor:
+    with WorkerProcesses(1) as executor:
         for samples in (50, 60):
             run(request(tmp_path, settings={"samples": samples}))
             assert plan_of(request(tmp_path, TakeMean(), executor=executor)).make(CONSOLE).objects == 5
@@ -103,7 +103,7 @@ def test_semaphores_of_killed_workers_are_released_without_a_warning(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
         "from tests.engine.tiny_stages import *\nfrom pipeline.engine.worker_processes import WorkerProcesses\nif __name__ == '__main__':\n"
-        "    work, units = work_of(request(Path(sys.argv[1]), HoldsLock()))\n    executor = WorkerProcesses()\n"
+        "    work, units = work_of(request(Path(sys.argv[1]), HoldsLock()))\n    executor = WorkerProcesses(1)\n"
         "    next(executor.run(work, units))\n    executor.__exit__(StageError)\n"
     )
     ended = subprocess.run([sys.executable, script, tmp_path / "data"], capture_output=True, text=True, check=True)
@@ -155,19 +155,19 @@ def test_workers_of_a_killed_run_end_in_the_middle_of_an_object(tmp_path):
 
 
 def test_session_that_cannot_open_ends_the_run_and_fails_no_object(tmp_path):
-    for executor in (Serial(), WorkerProcesses()):
+    for executor in (Serial(), WorkerProcesses(1)):
         with pytest.raises(StageError, match="make-noise cannot start: OSError: no device; `vt-pipeline doctor`"):
             run(request(tmp_path, stage=MakeNoise(broken=True), executor=executor))
     assert run(request(tmp_path)) == 5
 
 
 def test_worker_that_dies_while_opening_its_session_is_replaced_once(tmp_path):
-    assert run(request(tmp_path, stage=DiesOpening(tmp_path / "flag", once=True), executor=WorkerProcesses())) == 5
+    assert run(request(tmp_path, stage=DiesOpening(tmp_path / "flag", once=True), executor=WorkerProcesses(1))) == 5
     with pytest.raises(StageError, match=r"make-noise cannot start: its process died each time while it opened .* fewer --workers"):
-        run(request(tmp_path, stage=DiesOpening(tmp_path / "none", once=False), executor=WorkerProcesses(), seed=1))
+        run(request(tmp_path, stage=DiesOpening(tmp_path / "none", once=False), executor=WorkerProcesses(1), seed=1))
 
 
-@pytest.mark.parametrize("executor", [Serial(), WorkerProcesses()])
+@pytest.mark.parametrize("executor", [Serial(), WorkerProcesses(1)])
 def test_full_disk_gives_an_error_with_the_path_and_the_next_run_completes(tmp_path, executor):
     _, hard_limit = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard_limit))  # workers inherit the limit

@@ -76,8 +76,7 @@ def test_network_of_a_data_directory_is_found_by_its_record(folder: Path, tmp_pa
 
 def test_written_files_hold_the_reading(reader: TouchReader, tmp_path: Path) -> None:
     reading = reader.read(ball(0.001))
-    files = write_reading(reading, tmp_path / "out", "a")
-    assert all(file.exists() for file in files)
+    write_reading(reading, tmp_path / "out", "a")
     depth = read_depth(tmp_path / "out" / "a-depth.png") * PNG_STEP
     np.testing.assert_allclose(depth, np.minimum(reading.indentation, 65535 * PNG_STEP), rtol=0, atol=PNG_STEP)
     group = zarr.open_group(tmp_path / "out" / "touches.zarr", mode="r")

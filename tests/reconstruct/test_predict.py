@@ -323,7 +323,7 @@ def test_invalid_arguments_are_errors(data, tmp_path, out, source, options, erro
         (["--data", "D", "--object", "a", "--observation", "g.yaml"], "not both"),
         (["--object", "a"], "--object is of a data directory"),
         (["--grasp", "1"], "--grasp is of a data directory"),
-        (["--surface", "shut"], "it is one of charts, joined, both, closed"),
+        (["--surface", "shut"], "'shut' is not one of"),
     ],
 )
 def test_options_of_the_command_that_exclude_each_other_are_errors(tmp_path, options, words):

@@ -11,7 +11,7 @@ import trimesh
 
 from checks.fuzz.target import seal
 from pipeline.config.settings import Settings
-from pipeline.contrib.report.results import results_tables
+from pipeline.contrib.report.results import Results
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
 from pipeline.errors import InvalidInput
@@ -191,7 +191,7 @@ def test_scores_have_rows_beside_the_networks_with_their_grasps_and_no_empty_tab
     assert "two, 2 grasps" in vt("score", predictions / "grasps-2", data, "--name", "two", "--grasps", 2)
     directory, names = DataDirectory(data), ["scores/other", "scores/two"]
     assert set(names) <= set(scores(directory))
-    beside = {table.title.partition(":")[0]: table for table in results_tables(directory, ["evaluation"], names)}
+    beside = {table.title.partition(":")[0]: table for table in Results(directory, ["evaluation"], names).tables}
     accuracy = next(table for title, table in beside.items() if title.startswith("Accuracy"))
     assert [row.cells[0] for row in accuracy.rows][:3] == [NETWORK, "other", "two, 2 grasps"]
     assert None not in accuracy.rows[2].cells  # surfaces have normals and an inside, from however many grasps
@@ -200,7 +200,7 @@ def test_scores_have_rows_beside_the_networks_with_their_grasps_and_no_empty_tab
     assert "other" in vt("report", data, "--no-pages")
     assert "scores/other" in vt("status", data)
     vt("validate", data)
-    alone = results_tables(directory, [], ["scores/two"])
+    alone = Results(directory, [], ["scores/two"]).tables
     assert "3 objects" in alone[0].title
     assert all(table.rows for table in alone if table.columns)
     assert "Table 2" not in " ".join(table.title for table in alone)

@@ -8,7 +8,7 @@ import pytest
 import torch
 import trimesh
 
-from pipeline.contrib.report.report_source import predicted_mesh
+from pipeline.contrib.report.report_source import Evaluation
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.networks.network_configurations import IMPLICIT_CONFIGURATIONS
@@ -150,7 +150,8 @@ def test_guess_is_a_surface_although_two_evaluations_round_differently(data, mon
 
 def test_prediction_is_drawn_and_written_as_one_mesh(data, tmp_path):
     table = read_surfaces(folder_of(data, "evaluation"), NAME)
-    drawn = predicted_mesh(DataDirectory(data).collection(CHARTS), "d", table, 1)
+    evaluation = Evaluation([folder_of(data, "evaluation")], DataDirectory(data).collection(CHARTS))
+    drawn = evaluation.mesh("d", next(shown for shown in evaluation.predictions("d") if shown.network == NAME and shown.case == 1))
     assert (len(drawn.vertices), len(drawn.faces)) == (table["vertex_count"][0, 1], table["face_count"][0, 1])
     done = predict(tmp_path / "out.glb", StoredGrasps(data, "d", [0, 1]), PredictOptions(data / "models", NAME))
     for path in done.files:

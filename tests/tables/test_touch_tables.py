@@ -23,7 +23,7 @@ def test_touch_table_names_the_fingers_of_another_hand():
     touched = np.array([[True, False, True], [True, False, False]])
     entry = ObjectTouches("mug", touched, np.array([1.0, 0.25, 0.5]), np.zeros((len(touched), 3)))
     written = io.StringIO()
-    show_tables(Console(file=written, width=120), touch_tables(Touches([entry], ["left", "right [1]", "tail"], paper=True)))
+    show_tables(touch_tables(Touches([entry], ["left", "right [1]", "tail"], paper=True)), Console(file=written, width=120))
     lines = [line.split() for line in written.getvalue().splitlines()]
     assert ["grasps", "left", "right", "[1]", "tail"] in lines
     assert ["kept", "100.0", "0.0", "50.0"] in lines

@@ -10,7 +10,7 @@ import numpy as np
 import typer
 from pydantic import ValidationError
 
-from pipeline.console import console, print_lines, print_table, print_warning
+from pipeline.console import Row, Table, print_lines, print_warning, show_tables
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import invalid_entries
 
@@ -69,8 +69,9 @@ def calibrate_sensor(
     rows = []
     for title, image_errors in (("fitted to", result.fitted_errors), ("held out", result.tested_errors)):
         means = np.mean([[entry.contact, entry.ring, entry.untouched_contact, entry.untouched_ring] for entry in image_errors], axis=0)
-        rows.append([title, len(image_errors), *(f"{mean:.1f}" for mean in means)])
-    print_table(console, ["mean error, levels of 255", "photographs", "contact", "ring around it", "untouched: contact", "ring"], rows)
+        rows.append(Row([title, len(image_errors), *means]))
+    columns = ["mean error, levels of 255", "photographs", "contact", "ring around it", "untouched: contact", "ring"]
+    show_tables([Table("", columns, rows, ["", "", *[".1f"] * 4])])
     worst = max(result.tested_errors, key=lambda entry: entry.contact)
     elastic = f"elastic gel {1e3 * fit.sensor.layer_thickness:.2f} mm thick"
     surface = elastic if fit.sensor.gel else f"membrane {1e3 * fit.sensor.membrane:.2f} mm"

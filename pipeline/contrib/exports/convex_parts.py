@@ -2,12 +2,14 @@
 
 import hashlib
 import os
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import igl
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from pipeline.engine.keys import sources_hash
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh, is_watertight
@@ -23,8 +25,12 @@ remeshes objects that are no closed manifolds, half as far outside (0.55 of its 
 
 
 def convex_parts(mesh: Mesh) -> list[Array]:
-    """Split a mesh, m, into convex parts, each the hull of its vertices (N, 3); cached below `XDG_CACHE_HOME` by the mesh's hash."""
-    content = hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes() + repr((THRESHOLD, CONVEX, THICKENED)).encode()).hexdigest()
+    """Split a mesh, m, into convex parts, each the hull of its vertices (N, 3); cached below `XDG_CACHE_HOME`, by mesh and code."""
+    try:
+        code = [sources_hash(__name__), version("coacd")]
+    except PackageNotFoundError as error:
+        raise InvalidInput("convex parts need coacd; `pip install -c constraints.txt -e '.[mujoco]'` installs it") from error
+    content = hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes() + "".join(code).encode()).hexdigest()
     path = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "vt-pipeline" / "convex-parts" / f"{content}.npz"
     if not path.exists():
         parts = _decompose(mesh)
@@ -39,10 +45,8 @@ def convex_parts(mesh: Mesh) -> list[Array]:
 
 def _decompose(mesh: Mesh) -> list[Array]:
     """Take the closed pieces of a mesh that are convex as they are, and split the others."""
-    try:
-        import coacd
-    except ModuleNotFoundError as error:
-        raise InvalidInput("convex parts need coacd; `pip install -c constraints.txt -e '.[mujoco]'` installs it") from error
+    import coacd
+
     coacd.set_log_level("error")
     parts = []
     for piece in _pieces(mesh):

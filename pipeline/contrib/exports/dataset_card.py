@@ -11,11 +11,10 @@ from typing import Annotated, Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from pydantic import AfterValidator, Field
-from rich.markup import escape
 
 import pipeline
 from pipeline.config.manifest import without_controls
-from pipeline.console import errors
+from pipeline.console import print_warning
 from pipeline.contrib.exports.grasp_frames import GraspFrames
 from pipeline.dataset.completed_objects import CompletedObjects
 from pipeline.drawing.contact_sheet import SHOWN, draw_contact_sheet
@@ -87,7 +86,7 @@ def write_card(data: Location, facts: Facts, about: About, folder: Path) -> None
             source = CompletedObjects(data, SHOWN)
             draw_contact_sheet(source, spread_evenly(source.object_ids, SHOWN_OBJECTS), folder / PICTURE)
         except PipelineError as error:
-            errors.print(f"[yellow]warning:[/] the card has no picture: {escape(str(error))}")
+            print_warning("warning:", f"the card has no picture: {error}")
             drawn = False
     (folder / "README.md").write_text(card(facts, about, picture=drawn), encoding="utf-8")
 

@@ -12,10 +12,10 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline.console import Meter, errors, pluralise
+from pipeline.console import pluralise, with_progress
 from pipeline.contrib.exports.convex_parts import convex_parts
 from pipeline.dataset.completed_objects import CompletedObjects
-from pipeline.dataset.grasps import grasping_hand, read_grasps
+from pipeline.dataset.grasps import read_grasps
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.grasp import Grasp
@@ -57,33 +57,31 @@ class GraspedObject:
 
 
 class GraspedObjects(CompletedObjects):
-    """The hand of a dataset and the objects that it grasps, in id order."""
+    """The objects that a hand grasps, in id order."""
 
     def __init__(self, data: Location) -> None:
         super().__init__(data, ("surfaces", "grasps"))
-        self._surfaces, self._grasps = self.collections["surfaces"], self.collections["grasps"]
-        self.grasping = grasping_hand({"grasps": self._grasps.first.attributes})
 
     @property
     def summary(self) -> str:
         """The number of grasps."""
-        return pluralise(len(self.object_ids) * self._grasps.first.array("hand_pose").shape[1], "grasp")
+        return pluralise(len(self.object_ids) * self.collections["grasps"].first.array("hand_pose").shape[1], "grasp")
 
     def __iter__(self) -> Iterator[GraspedObject]:
-        with Meter(errors, "export", len(self.object_ids), "objects") as meter:
-            for name in self.object_ids:
-                surface, row = self._surfaces.view(name), self._grasps.view(name)
-                held = row["held"] if "held" in set(row) else None
-                yield GraspedObject(name, read_mesh(surface), read_grasps(row), surface["placement"], held)
-                meter.advance()
+        for name in with_progress(self.object_ids, "export"):
+            rows = self.rows(name)
+            surface, row = rows["surfaces"], rows["grasps"]
+            held = row["held"] if "held" in set(row) else None
+            yield GraspedObject(name, read_mesh(surface), read_grasps(row), surface["placement"], held)
 
 
 def export_grasps(data: Location, folder: Path) -> str:
     """Write `OBJECT.npz` with the object's grasps in its own frame and unit."""
     objects = GraspedObjects(data)
+    hand = objects.hand()
     for grasped in objects:
         grasps = grasped.grasps
-        points, normals = np.full((2, len(grasps), len(objects.grasping.sensors), 3), np.nan)
+        points, normals = np.full((2, len(grasps), len(hand.sensors), 3), np.nan)
         for g, grasp in enumerate(grasps):
             for s, contact in enumerate(grasp.contacts):
                 if contact:
@@ -96,9 +94,9 @@ def export_grasps(data: Location, folder: Path) -> str:
             "contact_points": points,
             "contact_normals": normals,
             "metres_per_unit": np.array(grasped.scale),
-            "hand": np.array(objects.grasping.name),
-            "joint_names": np.array(objects.grasping.joint_names),
-            "sensor_names": np.array([mount.name for mount in objects.grasping.sensors]),
+            "hand": np.array(hand.name),
+            "joint_names": np.array(hand.joint_names),
+            "sensor_names": np.array([mount.name for mount in hand.sensors]),
         }
         np.savez(folder / f"{grasped.name}.npz", allow_pickle=False, **arrays, **({} if grasped.held is None else {"held": grasped.held}))
     return objects.summary
@@ -111,10 +109,11 @@ def export_dexgraspbench(data: Location, folder: Path) -> str:
     is at the origin with its file's axes, its meshes in its file's unit and scaled by `obj_scale`.
     """
     objects = GraspedObjects(data)
+    hand = objects.hand()
     for grasped in objects:
         assets = Path("assets", "vt-pipeline", grasped.name)
         _write_object(grasped, folder / assets)
-        scene = folder / "output" / f"vt-pipeline_{objects.grasping.name}" / "graspdata" / grasped.name / "scale_pose000"
+        scene = folder / "output" / f"vt-pipeline_{hand.name}" / "graspdata" / grasped.name / "scale_pose000"
         scene.mkdir(parents=True)
         for number, grasp in enumerate(grasped.grasps):
             root = grasped.pose_to_object_frame(grasp.hand_pose)

@@ -1,16 +1,11 @@
 """Read a dataset as frames, one per grasp, with the type, unit and meaning of each column, for every table format."""
 
-import io
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-from PIL import Image
-
 from pipeline.config.manifest import SPLITS
-from pipeline.console import Meter, errors, pluralise
+from pipeline.console import pluralise, with_progress
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory
@@ -55,8 +50,7 @@ class GraspFrames:
             raise StoreError(f"{data.resolve()} has no object in the splits {', '.join(SPLITS)}")
         self.labels = {dim: tuple(str(name) for name in grasps.first.read(dim)) for dim in ("sensor", "joint")}
         self.grasps = self.rows.size("joint_angles", "grasp")
-        self.count = sum(map(len, self.object_ids.values()))  # of objects
-        self.summary = pluralise(self.grasps * self.count, "grasp")
+        self.summary = pluralise(self.grasps * len(splits), "grasp")
         identifiers = {name: artifact_of(name).arrays[name] for name in ("object_id", "category", "split")}
         self.columns = {name: Column("string", unit=array.units, meaning=array.description) for name, array in identifiers.items()}
         self.columns["grasp"] = Column("int64", meaning="Number of the grasp, 0 the best.")
@@ -69,18 +63,15 @@ class GraspFrames:
         A frame has values by column; images are (rows, cols, 3) uint8.
         """
         categories = dict(zip(self.rows.object_ids, self.rows.categories, strict=True))
-        with Meter(errors, "export", self.count, "objects") as meter:
-            for split, ids in self.object_ids.items():
-                for object_id in ids:
-                    frames = []
-                    for grasp in range(self.grasps):
-                        frame = {"object_id": object_id, "category": categories[object_id], "split": split, "grasp": grasp}
-                        for name in self.arrays:
-                            value = self.rows.read(name, object_id, grasp, camera=0)
-                            frame |= self._by_finger(name, value) if name in BY_FINGER else {name: value}
-                        frames.append(frame)
-                    yield split, frames
-                    meter.advance()
+        for split, object_id in with_progress([(split, name) for split, names in self.object_ids.items() for name in names], "export"):
+            frames = []
+            for grasp in range(self.grasps):
+                frame = {"object_id": object_id, "category": categories[object_id], "split": split, "grasp": grasp}
+                for name in self.arrays:
+                    value = self.rows.read(name, object_id, grasp, camera=0)
+                    frame |= self._by_finger(name, value) if name in BY_FINGER else {name: value}
+                frames.append(frame)
+            yield split, frames
 
     def _describe(self, name: str) -> dict[str, Column]:
         """Describe the columns of an array by its schema."""
@@ -97,10 +88,3 @@ class GraspFrames:
 
     def _by_finger(self, name: str, values: Iterable[Any]) -> dict[str, Any]:
         return {f"{name}.{finger}": value for finger, value in zip(self.labels["sensor"], values, strict=True)}
-
-
-def png(image: NDArray[np.uint8]) -> bytes:
-    """Write an image (R, C, 3) as PNG: lossless."""
-    buffer = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(image)).save(buffer, "PNG")
-    return buffer.getvalue()

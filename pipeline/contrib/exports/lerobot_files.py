@@ -59,7 +59,7 @@ def export_lerobot(data: Location, folder: Path) -> str:
                 path = folder / "data" / f"chunk-{number // CHUNK:03d}" / f"file-{number % CHUNK:03d}.parquet"
                 path.parent.mkdir(parents=True, exist_ok=True)
                 writer = opened.enter_context(pa.parquet.ParquetWriter(path, schema, compression="snappy"))
-            table = table_of(rows, columns)
+            table = table_of(rows, columns, schema)
             writer.write_table(table)
             size += table.nbytes
             files = {"data/chunk_index": number // CHUNK, "data/file_index": number % CHUNK}

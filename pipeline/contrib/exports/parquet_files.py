@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from pipeline.contrib.exports.dataset_card import About, Facts, write_card, write_croissant
-from pipeline.contrib.exports.grasp_frames import Column, GraspFrames, png
+from pipeline.contrib.exports.grasp_frames import Column, GraspFrames
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import read_description
+from pipeline.formats.image_file import encode_image
 from pipeline.store.storage import Location
 
 
@@ -27,7 +28,7 @@ def export_parquet(data: Location, folder: Path, about: Path | None = None) -> s
             for split in frames.object_ids
         }
         for split, rows in frames.objects():
-            writers[split].write_table(table_of(rows, frames.columns))
+            writers[split].write_table(table_of(rows, frames.columns, schema))
     facts = Facts(data, frames)
     write_card(data, facts, publisher, folder)
     write_croissant(facts, publisher, folder)
@@ -64,12 +65,12 @@ def feature_of(column: Column) -> dict[str, Any]:
     return {"shape": list(column.shape), "dtype": column.kind, "_type": f"Array{len(column.shape)}D"}
 
 
-def table_of(frames: Sequence[Mapping[str, Any]], columns: Mapping[str, Column]) -> Any:
-    """Make a table of frames (see `GraspFrames`); images become PNG."""
-    pa, schema = import_arrow(), schema_of(columns)
+def table_of(frames: Sequence[Mapping[str, Any]], columns: Mapping[str, Column], schema: Any) -> Any:
+    """Make a table of frames (see `GraspFrames`) with the `schema_of` its columns; images become PNG."""
+    pa = import_arrow()
     arrays = []
     for name, column in columns.items():
-        write: Callable[[Any], Any] = _nested if column.kind != "image" else lambda image: {"bytes": png(image), "path": None}
+        write: Callable[[Any], Any] = _nested if column.kind != "image" else lambda image: {"bytes": encode_image(image), "path": None}
         arrays.append(pa.array([write(frame[name]) for frame in frames], schema.field(name).type))
     return pa.Table.from_arrays(arrays, schema=schema)
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from pipeline.console import Meter, errors, pluralise
+from pipeline.console import pluralise, with_progress
 from pipeline.dataset.completed_objects import CompletedObjects
 from pipeline.drawing.grasp_scene import GraspScenes
 from pipeline.store.storage import Location
@@ -16,8 +16,6 @@ def export_scenes(data: Location, folder: Path, objects: Sequence[str] = ()) -> 
         source.check_known(name)
     object_ids = list(objects) or source.object_ids
     scenes = GraspScenes(source.hand(), source.sensors(), small=False)
-    with Meter(errors, "export", len(object_ids), "objects", after=1.0) as meter:
-        for name in object_ids:
-            (folder / f"{name}.glb").write_bytes(scenes.glb(scenes.scene(source.rows(name))))
-            meter.advance()
+    for name in with_progress(object_ids, "export", after=1.0):
+        (folder / f"{name}.glb").write_bytes(scenes.glb(scenes.scene(source.rows(name))))
     return pluralise(len(object_ids), "scene")

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.contrib.exports.grasp_frames import Column, GraspFrames, png
+from pipeline.contrib.exports.grasp_frames import Column, GraspFrames
+from pipeline.formats.image_file import encode_image
 from pipeline.store.storage import Location
 
 SAMPLES = 1000
@@ -37,7 +38,7 @@ def _add_sample(shard: tarfile.TarFile, key: str, frame: dict[str, Any], columns
     for name, column in columns.items():
         value, file = frame[name], name.replace(".", "_")  # a key ends at the first dot
         if column.kind == "image":
-            _add(shard, f"{key}.{file}.png", png(value))
+            _add(shard, f"{key}.{file}.png", encode_image(value))
         elif column.shape:
             buffer = io.BytesIO()
             np.save(buffer, value, allow_pickle=False)

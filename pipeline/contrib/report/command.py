@@ -24,7 +24,8 @@ def report(
     The tables show whether the supplement's orderings hold; the pages have a gallery and figures.
     """
     from pipeline.contrib.report.html_report import write_report
-    from pipeline.contrib.report.results import results_tables, training_table
+    from pipeline.contrib.report.report_source import ReportSource
+    from pipeline.contrib.report.results import Results, training_table
     from pipeline.tables.comparison import scores
     from pipeline.tables.evaluation_tables import evaluation_tables
     from stages.evaluate.evaluation_files import evaluations
@@ -43,14 +44,14 @@ def report(
     if exists(directory.folder_record(SINGLE)):
         check_origins(directory, [SINGLE])
         trainings = training_table(directory, {"single-image": "models/single-image"})
-        show_tables(console, [*evaluation_tables(directory.verified_folder(SINGLE)), trainings])
+        show_tables([*evaluation_tables(directory.verified_folder(SINGLE)), trainings])
         if not (evaluated or scored or directory.collection(GRASPS).shards):  # single images alone have no pages
             return
+    results = Results(directory, evaluated, scored)
     if evaluated or scored:
-        check_origins(directory, evaluated)
-        show_tables(console, results_tables(directory, evaluated, scored))
+        show_tables(results.tables)
     if pages:
-        print_lines(f"report: {write_report(directory.root, console, most)}")
+        print_lines(f"report: {write_report(ReportSource(directory.root, results), console, most)}")
     if not (evaluated or scored):
         note = ": the report shows the dataset alone" if pages else ""
         print_lines(f"no network has been evaluated on the grasps{note}; `make report`, with the same variables, trains some")

@@ -14,19 +14,21 @@ from numpy.typing import NDArray
 from PIL.Image import fromarray
 from skimage.util import montage
 
-from pipeline.contrib.report.report_source import Picture, ReportSource, best
+from pipeline.console import pluralise
+from pipeline.contrib.report.report_source import Picture, ReportSource, best, painted_mesh
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import is_surface
 from pipeline.drawing.colors import COLORS, depth_colors
 from pipeline.drawing.grasp_pictures import GraspPictures, touches_of
 from pipeline.drawing.picture_sheet import SheetRow, Tile, draw_sheet, spread_evenly
 from pipeline.drawing.plots import save_figure
-from pipeline.drawing.views import fitted_camera, painted_mesh, render_mesh
+from pipeline.drawing.views import fitted_camera, render_mesh
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES, VisionCharts, vision_charts
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.kernels.touch.depth_maps import in_gel, local_points
 from pipeline.kernels.touch.sensor import masked_points
+from pipeline.kernels.vision.scene import Label
 from pipeline.models.touch_model import load_touch_model
 from stages.evaluate.evaluation_files import SHIPPED_ROWS
 from stages.render_vision.renderer import Renderer
@@ -105,7 +107,11 @@ def clearest_grasp(
         touches = rows["grasps"]["touch_success"].sum(axis=1)
         segmentations = rows["vision"]["segmentation"][1:, 0] if "vision" in rows else np.ones((len(touches), 1, 1))
         for grasp, touched in enumerate(touches[:max_grasps]):
-            areas = [np.count_nonzero(segmentations[grasp] == label) for label in (1, 2)] if len(segmentations) > grasp else [1, 1]
+            areas = (
+                [np.count_nonzero(segmentations[grasp] == label) for label in (Label.OBJECT, Label.HAND)]
+                if len(segmentations) > grasp
+                else [1, 1]
+            )
             scores[object_id, grasp] = (int(touched), min(2 * areas[0], areas[1]))
     return max(scores, key=lambda key: scores[key])
 
@@ -132,7 +138,7 @@ def overview_panels(
             ("grasp", held),
             ("tactile images →", montage([touch.tactile_image for touch in touches], **GRID)),
             ("depth maps →", montage([touch.depth for touch in touches], **GRID)),
-            (f"touched surface, {count} touch{'es' * (count != 1)}", touched),
+            (f"touched surface, {pluralise(count, 'touch')}", touched),
         ]
         if source.evaluation and (predictions := source.evaluation.predictions(object_id)):
             prediction = best([candidate for candidate in predictions if candidate.felt] or predictions)

@@ -19,13 +19,13 @@ from rich.console import Console
 import pipeline
 from pipeline.console import Meter, Row, Table, abbreviate, pluralise, visible
 from pipeline.contrib.report.figures import CANDIDATES, clearest_grasp, draw_figures, overview_panels, save_picture
-from pipeline.contrib.report.object_page import ObjectPages
+from pipeline.contrib.report.object_page import ObjectCard, ObjectPages, Pages
+from pipeline.contrib.report.plots import draw_bars, draw_curves, draw_errors, draw_histogram
 from pipeline.contrib.report.provenance import commands, contents_table, outside_sweeps, records, settings_tables, versions_tables
 from pipeline.contrib.report.report_source import Picture, ReportSource
-from pipeline.contrib.report.results import GIVEN, results_tables, summarise, trained_models, training_losses
+from pipeline.contrib.report.results import GIVEN, summarise, trained_models, training_losses
 from pipeline.drawing.picture_sheet import spread_evenly
-from pipeline.drawing.plots import draw_bars, draw_curves, draw_errors, draw_histogram
-from pipeline.drawing.written_files import WRITTEN, ObjectCard, Pages, read_list, refuse_links
+from pipeline.drawing.written_files import WRITTEN, read_list, refuse_links
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
 from pipeline.physics.hold_test import REST, WITHIN
@@ -37,36 +37,40 @@ from pipeline.store.record import Failure
 from pipeline.store.storage import Location, exists, remove
 from pipeline.tables.supplement_figures import PAPER
 from pipeline.tables.touch_tables import ObjectTouches, joined, touch_tables
-from pipeline.tradeoff.trade_pictures import draw_trade, used_point
-from pipeline.tradeoff.trades import END_TO_END, read_trade
-from stages.registry import TRADED
+from pipeline.tradeoff.trade_pictures import draw_trade
+from pipeline.tradeoff.trades import END_TO_END, MeasuredTrade, Point, read_trade
+from stages.registry import TRADED, resolve
 
 ASSETS = Path(pipeline.__file__).parent / "assets" / "report"
 COPIED = ("style.css", "viewer.js", "gallery.js", "tables.js", "three.min.js", "three.LICENSE")
 PAGES = {"index.html": "Overview", "gallery.html": "Gallery", "figures.html": "Figures", "results.html": "Results", "about.html": "About"}
 UNITS = "mm²|mm|µm|m²|m|grasps?|kB"
 """Units that are kept on the line of their number."""
+WHICH_NETWORK = ("configuration", "training_seed")
+"""Settings that say which network is trained, not how."""
+FROM_INPUTS = ("hand", "sensors")
+"""Settings that stages take from the grasps where they are null."""
 CARDS = 8
 """Objects on the first page."""
 
 
-def write_report(data: Location, console: Console, max_objects: int = 10) -> Location:
-    """Write the report of a data directory into its folder `report`, with at most `max_objects` reconstructions in a figure.
+def write_report(source: ReportSource, console: Console, max_objects: int = 10) -> Location:
+    """Write a report into the folder `report` of the data directory, with at most `max_objects` reconstructions in a figure.
 
     Pages of objects that are up to date are kept. Returns its first page.
     """
-    source, report = ReportSource(data), data / "report"
+    report = source.directory.root / "report"
     refuse_links(report)
     try:
         before = read_list(report / WRITTEN, Pages)
     except StoreError:  # there is none, or it is damaged
-        before = Pages()
+        before = Pages(files={}, objects={})
     with atomic_writes(report) as folder:
         (folder / "objects").mkdir()
         (folder / "figures").mkdir()
         for name in COPIED:
             shutil.copyfile(ASSETS / name, folder / name)
-        objects = _write_objects(source, folder, console, before, changed_files(report, before.every_file()))
+        objects = _write_objects(source, folder, console, before, changed_files(report, before.files))
         cards = [{"id": name, **card.model_dump()} for name, card in objects.items()]
 
         def write(name: str, **content: Any) -> None:
@@ -78,7 +82,7 @@ def write_report(data: Location, console: Console, max_objects: int = 10) -> Loc
             "index.html",
             hero=_overview(source, folder),
             cards=spread_evenly(cards, CARDS),
-            tables=touch_tables(source.touches),
+            tables=touch_tables(source.results.touches),
             plots=_plots(source, objects, folder),
             tiles=_tiles(source),
             objects=len(objects),
@@ -98,10 +102,11 @@ def write_report(data: Location, console: Console, max_objects: int = 10) -> Loc
             settings=settings_tables(source.directory, origins),
             versions=versions_tables(origins),
         )
-        other_files = {name: sha256 for name, sha256 in hashes_of(folder).items() if not name.startswith("objects/")}
-        pages = Pages(objects=objects, files=other_files)
+        kept = [name for name, card in objects.items() if card is before.objects.get(name)]
+        kept_files = {path: sha256 for name in kept for path, sha256 in before.files_of(name).items()}
+        pages = Pages(objects=objects, files=kept_files | hashes_of(folder))
         (folder / WRITTEN).write_text(pages.model_dump_json())
-        for obsolete in before.every_file().keys() - pages.every_file().keys():
+        for obsolete in before.files.keys() - pages.files.keys():
             if exists(report / obsolete):
                 remove(report / obsolete)
     return report / "index.html"
@@ -119,7 +124,8 @@ def _write_objects(source: ReportSource, folder: Path, console: Console, previou
         for object_id, before, after in zip(ids, [None, *ids[:-1]], [*ids[1:], None], strict=True):
             split = source.collections["surfaces"].row(object_id).split  # which no digest contains
             key = digest.of_json([shared_hashes, evaluated, source.digests(object_id), split, before, after, common["name"]])
-            if (card := previous.objects.get(object_id)) is None or not card.is_up_to_date(key, changed):
+            card = previous.objects.get(object_id)
+            if card is None or card.key != key or any(path in changed for path in previous.files_of(object_id)):
                 card = pages.write(object_id, key, common | {"before": before, "after": after})
             cards[object_id] = card
             meter.advance()
@@ -147,11 +153,11 @@ def _escaped(value: Any) -> Any:
 
 def _tiles(source: ReportSource) -> list[tuple[str, str]]:
     """Count objects, grasps, touches, failures, and grasps that hold where that was tested, for the first page."""
-    touched, held = (joined(source.touches.objects, name) for name in ("touched", "held"))
+    touched, held = (joined(source.results.touches.objects, name) for name in ("touched", "held"))
     hold_tiles = [(f"{100 * held.mean():.0f} %", "of grasps hold the object")] if held.size else []
     return [
         _counted(len(source.object_ids), "object", " without failures" if source.failures else ""),
-        _counted(len(source.touches.by_class), "class"),
+        _counted(len(source.results.touches.by_class), "class"),
         _counted(len(touched), "grasp"),
         _counted(int(touched.sum()), "touch", f", {100 * touched.mean():.0f} % of {touched.size}"),
         *hold_tiles,
@@ -178,7 +184,7 @@ def _overview(source: ReportSource, folder: Path) -> dict[str, Any]:
 
 def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path) -> list[Picture]:
     """Draw the touches per grasp, beside the paper's if these are to be compared, and the contact areas by class."""
-    shares, theirs = source.touches.per_grasp, source.touches.supplement_per_grasp
+    shares, theirs = source.results.touches.per_grasp, source.results.touches.supplement_per_grasp
     bars: Mapping[str, ArrayLike] = {"here": shares} | ({PAPER: theirs} if theirs else {})
     draw_bars(folder / "figures" / "touches.svg", bars, range(len(shares)), x="touches per grasp", y="% of grasps")
     areas = {
@@ -191,7 +197,7 @@ def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path
     return [
         Picture("figures/touches.svg", f"Touches per grasp here: {shares_text}", "Successful touches per grasp"),
         Picture("figures/contact.svg", f"Mean contact area, mm²: {means}", f"Contact area; mean, mm²: {means}"),
-        *_hold_plots(source.touches.objects, folder / "figures"),
+        *_hold_plots(source.results.touches.objects, folder / "figures"),
     ]
 
 
@@ -213,9 +219,8 @@ def _hold_plots(objects: Sequence[ObjectTouches], folder: Path) -> list[Picture]
 
 def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
     """Make the summary and the tables of the evaluations, and the figures of the learning curves."""
-    directory, models = source.directory, trained_models(source.directory, source.evaluated)
-    tables, curves = results_tables(directory, source.evaluated, source.scored), []
-    for name, model in models.items():
+    directory, tables, curves = source.directory, source.results.tables, []
+    for name, model in trained_models(directory, source.results.evaluated).items():
         file = f"figures/learning-{name}.svg"
         draw_curves(*training_losses(directory.verified_folder(model)), folder / file)
         curves.append(Picture(file, f"Training and validation loss of {name} by epoch", name))
@@ -224,7 +229,8 @@ def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
 
 def _summary(source: ReportSource, folder: Path) -> dict[str, Any] | None:
     """Summarise the results, and draw the error by what networks are given."""
-    evaluated, scored = ([source.directory.verified_folder(name) for name in names] for names in (source.evaluated, source.scored))
+    names = (source.results.evaluated, source.results.scored)
+    evaluated, scored = ([source.directory.verified_folder(name) for name in part] for part in names)
     folders = [*evaluated[:1], *scored]
     if not folders or (summary := summarise(folders[0], folders[1:], evaluated[1:])) is None:
         return None
@@ -254,6 +260,13 @@ def _trades(source: ReportSource, folder: Path) -> list[Picture]:
         caption = f"{trade.stage}, on {pluralise(len(trade.objects))}{mark}."
         pictures.append(Picture(file, f"{trade.metric}: {points}", caption))
     return pictures
+
+
+def used_point(trade: MeasuredTrade, settings: Mapping[str, Any]) -> Point | None:
+    """Find the point with the settings that the record of the stage's output names; None where they were not measured."""
+    own = resolve(trade.stage, trade.preset, trade.assignments).results()
+    base = {name: value for name, value in own.items() if name not in WHICH_NETWORK and (value is not None or name not in FROM_INPUTS)}
+    return next((point for point in trade.points if all(settings.get(k) == v for k, v in {**base, **point.changes}.items())), None)
 
 
 def _failures(failures: Mapping[str, Failure]) -> Table:

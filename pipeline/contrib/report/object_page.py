@@ -2,8 +2,6 @@
 
 import base64
 import gzip
-import hashlib
-import io
 from collections.abc import Mapping
 from contextlib import ExitStack
 from functools import cached_property
@@ -14,14 +12,17 @@ from typing import Any
 import numpy as np
 from jinja2 import Template
 from numpy.typing import NDArray
-from PIL import Image
+from pydantic import FiniteFloat
 
 from pipeline.contrib.report.report_source import ReportSource, best, errors_table
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.drawing.grasp_pictures import Rows, camera_images, grasp_note, size_note, touches_of
 from pipeline.drawing.grasp_scene import GraspScenes
 from pipeline.drawing.views import fitted_camera, render_mesh
-from pipeline.drawing.written_files import ObjectCard
+from pipeline.drawing.written_files import WrittenFiles
+from pipeline.entries import Entries
+from pipeline.formats.image_file import encode_image
+from pipeline.store.record import Name, Sha256
 from stages.render_vision.renderer import Renderer
 
 THUMBNAIL = 150
@@ -37,9 +38,33 @@ PARTS = {
 }
 """Nodes of a scene that a page can hide, and their labels."""
 
+ENDINGS = (".html", ".webp", ".mesh.js", ".predictions.js")
+"""Of the files of an object's page, after its ID; the last one only where it was reconstructed."""
+
+
+class ObjectCard(Entries):
+    """Facts about an object for the gallery and the statistics, under the key of what its page shows."""
+
+    key: Sha256
+    category: str
+    split: str
+    touches: int
+    areas: tuple[FiniteFloat, ...]  # of its contacts, m²
+
+
+class Pages(WrittenFiles):
+    """The files of a report, and the cards of its objects."""
+
+    objects: dict[Name, ObjectCard]
+
+    def files_of(self, object_id: str) -> dict[str, str]:
+        """Collect the SHA-256 of the files of an object's page, by path."""
+        paths = [f"objects/{object_id}{ending}" for ending in ENDINGS]
+        return {path: self.files[path] for path in paths if path in self.files}
+
 
 class ObjectPages:
-    """Writes the pages of objects into a report's folder `objects`: ID.html, ID.webp, ID.mesh.js, ID.predictions.js.
+    """Writes the pages of objects into a report's folder `objects`: ID and each of `ENDINGS`.
 
     `opened` closes the renderer of thumbnails, which is opened when first needed.
     """
@@ -89,7 +114,6 @@ class ObjectPages:
             split=surface.split,
             touches=int(touched.sum()),
             areas=tuple(areas[touched].round(10).tolist()),
-            files={f"{self.folder.name}/{object_id}{ending}": hashlib.sha256(content).hexdigest() for ending, content in files.items()},
         )
 
     def _packed(self, object_id: str, what: str, scene: Any) -> bytes:
@@ -130,9 +154,7 @@ def columns(places: int) -> int:
 
 
 def _webp(image: NDArray[np.uint8]) -> bytes:
-    buffer = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(image)).save(buffer, "WEBP", quality=85)
-    return buffer.getvalue()
+    return encode_image(image, "WEBP", quality=85)
 
 
 def _inline(image: NDArray[np.uint8]) -> str:  # a data URI, so that a page is one file

@@ -15,7 +15,7 @@ from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, difference_inter
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.models.families import FAMILIES, ROWS
 from pipeline.rng import numpy_rng
-from pipeline.tables.comparison import Values, chamfer_of, read_values
+from pipeline.tables.comparison import Trainings, chamfer_of, read_values
 from pipeline.tables.supplement_figures import PAPER, TABLE_2, TABLE_3
 from stages.evaluate.evaluation_files import Figures, read_root
 
@@ -74,7 +74,7 @@ def orderings(folders: Sequence[Path]) -> list[Verdict]:
     return verdicts
 
 
-def _modalities(values: Values) -> Iterator[Claim]:
+def _modalities(values: Trainings) -> Iterator[Claim]:
     """Claim that touch and vision together beat vision, vision beats touch, each beats nothing: with one grasp."""
     pairs = [
         pair for image in ("occluded", "unoccluded") for pair in ((f"{image}-touch", image), (image, "touch"), (f"{image}-touch", "touch"))
@@ -87,14 +87,14 @@ def _modalities(values: Values) -> Iterator[Claim]:
             yield Claim(f"{smaller} < {larger}", chamfer_of(nearer, 1), chamfer_of(further, 1), figures, same)
 
 
-def _trainings(values: Values, first: str, second: str) -> tuple[list[Figures], list[Figures], bool]:
+def _trainings(values: Trainings, first: str, second: str) -> tuple[list[Figures], list[Figures], bool]:
     """Choose the trainings of two configurations: if both are of one network, the common ones, compared one by one."""
     ours, theirs = values[first], values[second]
     seeds = [seed for seed in ours if seed in theirs] if ROWS[first].network == ROWS[second].network else []
     return [ours[seed] for seed in seeds or ours], [theirs[seed] for seed in seeds or theirs], bool(seeds)
 
 
-def _grasps(values: Values) -> Iterator[Claim]:
+def _grasps(values: Trainings) -> Iterator[Claim]:
     """Claim that more grasps are better: each against one fewer, and the most against one."""
     for name in (prefix + name for prefix in PREFIXES for name in ("touch", "occluded-touch", "unoccluded-touch")):
         trainings = [*values.get(name, {}).values()]
@@ -104,7 +104,7 @@ def _grasps(values: Values) -> Iterator[Claim]:
             yield Claim(f"{name}: {more} grasps < {fewer}", chamfer_of(trainings, more), chamfer_of(trainings, fewer), figures, True)
 
 
-def _rings(values: Values) -> Iterator[Claim]:
+def _rings(values: Trainings) -> Iterator[Claim]:
     """Claim that with touch the error is least at the touch site, that without touch it is not, and that touch helps there."""
     last = max((max(next(iter(trainings.values())).rings, default=0) for trainings in values.values()), default=0) - 1
     for without_touch in (prefix + image for prefix in PREFIXES for image in ("occluded", "unoccluded")):

@@ -1,26 +1,24 @@
 """Read the content of a report: artifacts of a data directory, and the figures of each object in its evaluation."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
 from pipeline.console import Row, Table, pluralise
+from pipeline.contrib.report.results import Results
 from pipeline.dataset.completed_objects import CompletedObjects
 from pipeline.dataset.object_rows import is_surface
 from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS
-from pipeline.drawing.views import painted_mesh
-from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.directory import Collection
 from pipeline.store.storage import Location
-from pipeline.store.validate import check_origins
-from pipeline.tables.comparison import current_scores, difference
+from pipeline.tables.comparison import difference, scores
 from pipeline.tables.evaluation_tables import ACCURACY
-from pipeline.tables.touch_tables import Touches, read_touches
 from stages.evaluate.evaluation_files import (
     SHIPPED_SCORES,
     Arrays,
@@ -46,27 +44,23 @@ class Picture(NamedTuple):
 
 
 class ReportSource(CompletedObjects):
-    """The artifacts of a data directory that a report shows, its evaluations (one per training seed) and the scores of other methods.
+    """The artifacts of a data directory that a report shows, and its results.
 
     `measured` are those that keep surfaces, which are shown: the first evaluation, and the score of the pretrained
     network; `evaluation` is their content, None if no network has been evaluated.
     """
 
-    def __init__(self, data: Location) -> None:
+    def __init__(self, data: Location, results: Results | None = None) -> None:
         super().__init__(data, ("surfaces", "grasps", "touch"), ("vision", "charts"))
-        self.evaluated, self.scored = evaluations(self.directory), current_scores(self.directory)
-        check_origins(self.directory, self.evaluated)
-        self.measured = [*self.evaluated[:1], *(name for name in self.scored if name == SHIPPED_SCORES)]
+        self.results = results or Results(
+            self.directory, evaluations(self.directory), [name for name, problem in scores(self.directory).items() if not problem]
+        )
+        self.measured = [*self.results.evaluated[:1], *(name for name in self.results.scored if name == SHIPPED_SCORES)]
         folders = [self.directory.verified_folder(name) for name in self.measured]
         self.evaluation = Evaluation(folders, self.collections.get("charts")) if folders else None
 
-    @cached_property
-    def touches(self) -> Touches:
-        """The touches of all grasps."""
-        return read_touches(self.directory.root)
 
-
-class Prediction(NamedTuple):
+class ShownSurface(NamedTuple):
     """The reconstruction of an object from its first grasps."""
 
     network: str  # configuration
@@ -107,7 +101,7 @@ class Evaluation:
                         self.tables[name], self.figures[name] = surfaces, figures[name]
         self.configurations = list(self.tables)
 
-    def predictions(self, object_id: str) -> list[Prediction]:
+    def predictions(self, object_id: str) -> list[ShownSurface]:
         """List the reconstructions of an object with its first grasps, by network from few grasps to many; none if it was not evaluated."""
         if object_id not in self.object_ids:
             return []
@@ -118,7 +112,7 @@ class Evaluation:
                 felt, count = bool(table["grasps_given"][case]), max(int(table["grasps_given"][case]), 1)
                 figures = {metric: float(self.figures[name].per_case(metric, count)[row, 0]) for metric in SHOWN_METRICS}
                 inputs = name + (f", {pluralise(count, 'grasp')}" if felt else "")
-                predictions.append(Prediction(name, count, felt, case, figures, inputs))
+                predictions.append(ShownSurface(name, count, felt, case, figures, inputs))
         return predictions
 
     def ranked(self, names: Sequence[str]) -> list[str]:
@@ -130,33 +124,40 @@ class Evaluation:
 
         return sorted(self.object_ids, key=error)
 
-    def surface(self, object_id: str, prediction: Prediction) -> tuple[np.ndarray, np.ndarray]:  # (V, 3) m, (F, 3)
+    def surface(self, object_id: str, prediction: ShownSurface) -> tuple[np.ndarray, np.ndarray]:  # (V, 3) m, (F, 3)
         """Read the surface of a reconstruction."""
         table = self.tables[prediction.network]
         return surface_of(table, table["object_id"].tolist().index(object_id), prediction.case)
 
-    def mesh(self, object_id: str, prediction: Prediction) -> Mesh:
-        """Make the mesh of a reconstruction, with the touch charts of its input if these are fitted."""
-        return predicted_mesh(self.fitted, object_id, self.tables[prediction.network], prediction.case)
+    def mesh(self, object_id: str, prediction: ShownSurface) -> Mesh:
+        """Make the mesh of a reconstruction: in grey, with the touch charts of its input, if these are fitted, in orange."""
+        vertices, faces = ([part] for part in self.surface(object_id, prediction))
+        table = self.tables[prediction.network]
+        count, first_grasp = (int(table[name][prediction.case]) for name in ("grasps_given", "first_grasp"))
+        if count and self.fitted is not None and "position" in table:  # touch charts are not part of a mesh
+            row = self.fitted.view(object_id)
+            charts, touched = row["vertices"], is_surface(row["stop_rule"])  # (grasp, sensor, S, 3), (grasp, sensor)
+            grasps = [(first_grasp + step) % len(charts) for step in range(count)]
+            vertices += list(charts[grasps][touched[grasps]])
+            faces += [row["chart_faces"]] * (len(vertices) - 1)
+        points, triangles = trimesh.util.append_faces(vertices, faces)
+        return two_coloured(points, triangles, len(faces[0]))
 
 
-def predicted_mesh(
-    fitted: Collection | None,  # the artifact `charts`; None if there are none
-    object_id: str,
-    table: Arrays,  # the network's group below `predictions` or `meshes`
-    case: int,  # number of the choice of grasps
+def painted_mesh(
+    vertices: NDArray[np.floating],  # (V, 3) m
+    faces: NDArray[np.integer],  # (F, 3)
+    material: NDArray[np.integer] | NDArray[np.bool_],  # (F,) numbers of colours
+    colors: Sequence[tuple[int, ...]],  # RGBA, 0 to 255
 ) -> Mesh:
-    """Make a mesh of a prediction: in grey, with the touch charts of its input in orange."""
-    vertices, faces = ([part] for part in surface_of(table, table["object_id"].tolist().index(object_id), case))
-    count, first_grasp = int(table["grasps_given"][case]), int(table["first_grasp"][case])
-    if count and fitted is not None and "position" in table:  # touch charts are not part of a mesh
-        row = fitted.view(object_id)
-        charts, touched = row["vertices"], is_surface(row["stop_rule"])  # (grasp, sensor, S, 3), (grasp, sensor)
-        grasps = [(first_grasp + step) % len(charts) for step in range(count)]
-        vertices += list(charts[grasps][touched[grasps]])
-        faces += [row["chart_faces"]] * (len(vertices) - 1)
-    points, triangles = trimesh.util.append_faces(vertices, faces)
-    return two_coloured(points, triangles, len(faces[0]))
+    """Make a mesh in plain colours."""
+    look = Look(
+        uv=np.zeros((len(vertices), 2), np.float32),
+        face_material=material.astype(np.int32),
+        base_color=np.array(colors, np.uint8),
+        material_texture=np.full(len(colors), -1, np.int32),
+    )
+    return Mesh(vertices.astype(np.float64), faces.astype(np.int32), look)
 
 
 def two_coloured(
@@ -168,12 +169,12 @@ def two_coloured(
     return painted_mesh(vertices, faces, np.arange(len(faces)) >= grey, [VISION_COLORS[0], TOUCH_COLOR])
 
 
-def best(predictions: Iterable[Prediction]) -> Prediction:
+def best(predictions: Iterable[ShownSurface]) -> ShownSurface:
     """Choose the reconstruction of the least mean distance."""
     return min(predictions, key=lambda prediction: prediction.figures["mean_distance"])
 
 
-def errors_table(predictions: Sequence[Prediction]) -> Table:
+def errors_table(predictions: Sequence[ShownSurface]) -> Table:
     """Make the table of the accuracy of an object's reconstructions."""
     rows = [
         Row([shown.network, shown.grasps * shown.felt, *(factor * shown.figures[metric] for metric, factor in SHOWN_METRICS.items())])

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,11 @@ from pipeline.models.families import ROWS
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import exists
+from pipeline.store.validate import check_origins
 from pipeline.tables.comparison import chamfer_of, comparable_figures, read_values
 from pipeline.tables.evaluation_tables import QUALITY_UNITS, evaluation_tables
 from pipeline.tables.supplement_figures import BEST_EPOCH, PAPER
-from pipeline.tables.touch_tables import read_touches, touch_tables
+from pipeline.tables.touch_tables import Touches, read_touches, touch_tables
 from pipeline.training.checkpoint import METRICS, read_metrics
 from schemas.grasps import GRASPS
 from stages.evaluate.baselines import retrieved_by
@@ -45,19 +47,36 @@ DEFAULT_SERIES = "graph network"
 """Series of the networks that are named after their inputs."""
 
 
-def results_tables(directory: DataDirectory, evaluated: Sequence[str], scored: Sequence[str] = ()) -> list[Table]:
-    """Make the tables of evaluations, one name per training seed, with the scores of other methods, and the table of trainings."""
-    tables: list[Table] = []
-    folders, scored_folders = ([directory.verified_folder(name) for name in names] for names in (evaluated, scored))
-    if first := [*folders[:1], *scored_folders][:1]:
-        tables += evaluation_tables(first[0], [folder for folder in scored_folders if folder != first[0]])
-    if directory.collection(GRASPS).shards:
-        tables += touch_tables(read_touches(directory.root))[:1]
-    if folders:
-        tables += [*trainings_table(folders), *orderings_table(orderings(folders))]
-    if models := trained_models(directory, evaluated):
-        tables.append(training_table(directory, models))
-    return tables
+@dataclass(frozen=True)
+class Results:
+    """Current evaluations of a data directory, one per training seed, and scores of other methods, by name."""
+
+    directory: DataDirectory
+    evaluated: Sequence[str]
+    scored: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        check_origins(self.directory, self.evaluated)
+
+    @cached_property
+    def touches(self) -> Touches:
+        """The touches of all grasps."""
+        return read_touches(self.directory.root)
+
+    @cached_property
+    def tables(self) -> list[Table]:
+        """The tables of the evaluations, with the scores, and the table of trainings."""
+        tables: list[Table] = []
+        folders, scored_folders = ([self.directory.verified_folder(name) for name in names] for names in (self.evaluated, self.scored))
+        if first := [*folders[:1], *scored_folders][:1]:
+            tables += evaluation_tables(first[0], [folder for folder in scored_folders if folder != first[0]])
+        if self.directory.collection(GRASPS).shards:
+            tables += touch_tables(self.touches)[:1]
+        if folders:
+            tables += [*trainings_table(folders), *orderings_table(orderings(folders))]
+        if models := trained_models(self.directory, self.evaluated):
+            tables.append(training_table(self.directory, models))
+        return tables
 
 
 def trained_models(directory: DataDirectory, evaluated: Sequence[str]) -> dict[str, str]:
@@ -101,8 +120,8 @@ def trainings_table(folders: Sequence[Path]) -> list[Table]:
     values, seed, baselines = read_values(folders), read_root(folders[0])["seed"], read_figures(folders[0])
     counts = set(map(len, values.values()))
     title = (
-        f"Chamfer distance × {TABLE_3_FACTOR:.0f}, m², with one grasp, whichever is the first, {max(counts)} "
-        f"training{'s' * (max(counts) > 1)} of each network{' at most' * (len(counts) > 1)}; intervals over objects and trainings; "
+        f"Chamfer distance × {TABLE_3_FACTOR:.0f}, m², with one grasp, whichever is the first, "
+        f"{pluralise(max(counts), 'training')} of each network{' at most' * (len(counts) > 1)}; intervals over objects and trainings; "
         "surfaces: medians over objects"
     )
     rows = []

@@ -1,6 +1,6 @@
 """Objects as convex parts, and the error if their library is missing."""
 
-import sys
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +56,9 @@ def test_closed_convex_pieces_are_parts_as_they_are() -> None:
 
 
 def test_missing_package_is_reported_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "coacd", None)
+    def version(package: str) -> str:
+        raise PackageNotFoundError(package)
+
+    monkeypatch.setattr("pipeline.contrib.exports.convex_parts.version", version)
     with pytest.raises(InvalidInput, match=r"pip install .*'\.\[mujoco\]'"):
         convex_parts(corner())

@@ -13,9 +13,9 @@ from PIL import Image
 from pipeline.console import Table
 from pipeline.contrib.report import figures
 from pipeline.contrib.report.html_report import _environment
-from pipeline.contrib.report.object_page import columns
+from pipeline.contrib.report.object_page import Pages, columns
 from pipeline.contrib.report.report_source import ReportSource
-from pipeline.drawing.written_files import Pages, read_list
+from pipeline.drawing.written_files import read_list
 from pipeline.errors import StoreError
 from tests.command_line import vt
 from tests.engine.tiny_stages import publish
@@ -146,7 +146,7 @@ def test_current_pages_are_kept_and_only_listed_pages_are_removed(data):
     before = {path: path.stat().st_mtime_ns for path in (report / "objects").iterdir() if path.name != "gone.html"}
     vt("report", data)
     assert {path: path.stat().st_mtime_ns for path in (report / "objects").iterdir()} == before
-    assert not {"objects/gone.html", "objects/thesis.txt"} & read_list(report / "pages.json", Pages).every_file().keys()
+    assert not {"objects/gone.html", "objects/thesis.txt"} & read_list(report / "pages.json", Pages).files.keys()
 
 
 def test_object_that_moves_to_another_split_gets_another_page(data):

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 from typing import Any
 
 from pipeline.console import console
-from pipeline.contrib.report.html_report import _trades, write_report
+from pipeline.contrib.report.html_report import _trades, used_point, write_report
+from pipeline.contrib.report.report_source import ReportSource
 from pipeline.store.directory import DataDirectory
-from pipeline.tradeoff.trade_pictures import used_point
 from stages.registry import resolve
 from tests.stages import ball_dataset
 from tests.tradeoff.measured_trades import point, trade
@@ -52,5 +52,5 @@ def test_report_shows_trades(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("pipeline.contrib.report.html_report.draw_figures", lambda *_: [])
     ball_dataset.make_data(tmp_path, 1)
     TRADE.write(tmp_path)
-    folder = write_report(tmp_path, console).parent
+    folder = write_report(ReportSource(tmp_path), console).parent
     assert "Speed against accuracy" in (folder / "results.html").read_text()
