@@ -80,7 +80,7 @@ def make(
     assignments = [assignment(name, value) for name, value in (settings or {}).items()]
     stated: dict[str, Any] = {"data": str(data), "assignments": assignments, "seed": seed, "units": units, "up": up}
     quiet, answers = console or Console(quiet=True), []
-    with Serial() if workers == 1 else WorkerProcesses(workers) as executor:
+    with Serial() if workers == 1 else WorkerProcesses(workers or 0) as executor:
         for name in DATASET if stage == "dataset" else (stage,):
             request = make_request(name, str(manifest), preset, objects=Path(objects) if objects else None, executor=executor, **stated)
             answers += make_outputs(request, quiet, dry_run=dry_run)
