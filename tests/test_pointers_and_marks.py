@@ -25,6 +25,7 @@ from pipeline.recipes.recipe import read_recipe
 from pipeline.reconstruct.observation_file import read_observation
 from pipeline.store.storage import read_bytes
 from stages.sample_surfaces import SampleSurfaces, SurfaceSettings
+from tests.collada_text import collada_text
 
 POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:" + 64 * "5" + "\nsize 70000\n"
 BOX = trimesh.creation.box()
@@ -121,6 +122,8 @@ def test_mark_before_a_mesh_is_skipped(tmp_path: Path, suffix: str, encoding: st
         for name, content in files.items():
             (tmp_path / name).write_bytes(content)
         text = files["model.gltf"].decode()
+    elif suffix == "dae":
+        text = collada_text(BOX)
     else:
         options = {"ply": {"encoding": "ascii"}}.get(suffix, {})
         exported = BOX.export(file_type="stl_ascii" if suffix == "stl" else suffix, **options)

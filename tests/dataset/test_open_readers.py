@@ -124,6 +124,6 @@ def test_xarray_selections_equal_the_rows(data):
 
 def test_row_view_contains_only_the_written_arrays(data):
     view = DataDirectory(data).collection(SURFACES).view("a")
-    assert "metres_per_unit" not in view
+    assert "meshes/vertex_color" not in view
     assert "placement" in view
     assert "meshes/faces" in view

@@ -16,15 +16,14 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import stated_units
 from pipeline.formats.mesh_reader import load_mesh
 from pipeline.formats.urdf_shapes import shape_of
+from tests.collada_text import collada_text
 
 SIDES = (30.0, 20.0, 10.0)
 
 
 def collada(path: Path, *assets: str) -> Path:
-    """Write a box of `SIDES` units whose asset element holds `assets` in place of what trimesh states."""
-    text = trimesh.creation.box(SIDES).export(file_type="dae").decode()
-    before, _, rest = text.partition("<asset>")
-    path.write_text(f"{before}<asset>{''.join(assets)}</asset>{rest.partition('</asset>')[2]}")
+    """Write a box of `SIDES` units whose asset element holds `assets`."""
+    path.write_text(collada_text(trimesh.creation.box(SIDES), *assets))
     return path
 
 

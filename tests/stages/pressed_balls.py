@@ -63,10 +63,12 @@ class Made(ObjectStage):
             return {"depth": depth, "tactile_image": np.stack(images).reshape(*depth.shape, 3)}
         return {
             "hand_pose": np.tile(np.eye(4), (GRASPS_EACH, 1, 1)),
-            "joint_angles": np.zeros((GRASPS_EACH, 16)),
+            **{f"{posture}_angles": np.zeros((GRASPS_EACH, 16)) for posture in ("pregrasp", "joint", "squeeze")},
             "sensor_pose": np.tile(np.eye(4), (GRASPS_EACH, SENSORS, 1, 1)),
             "touch_success": touch_success(depth, SENSOR),
-            "penetration": np.zeros(GRASPS_EACH),
+            **{f"contact_{name}": np.zeros((GRASPS_EACH, SENSORS, 3)) for name in ("point", "normal")},
+            "contact_area": np.zeros((GRASPS_EACH, SENSORS)),
+            **{name: np.zeros(GRASPS_EACH) for name in ("opposition", "closure", "penetration")},
             "attempts": np.asarray(GRASPS_EACH, np.int32),
             "attempt_success": np.ones(SENSORS),
         }

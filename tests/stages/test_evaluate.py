@@ -51,7 +51,7 @@ def evaluate(data: Path, place: str = "evaluation", **settings: Any) -> tuple[Pa
     console = Console(file=io.StringIO(), record=True, width=200)
     plan.make(console)
     folder = plan.directory.folder_path(plan.units[0].name)
-    show_tables(evaluation_tables(folder))
+    show_tables(evaluation_tables(folder), console)
     return folder, console.export_text()
 
 
@@ -330,7 +330,7 @@ def test_orderings_report_each_claim_of_an_evaluation(evaluation):
     assert one.difference.mean == pytest.approx(one.smaller - one.larger)
     assert one.difference.count == COUNT
     console = Console(record=True, width=200)
-    show_tables(orderings_table(verdicts))
+    show_tables(orderings_table(verdicts), console)
     printed = console.export_text()
     assert "not there either" in printed
     assert f"of {len(verdicts)}" in printed
@@ -395,7 +395,7 @@ def test_trainings_that_differ_by_seed_are_evaluated_apart_and_shown_together(tm
     folders = [directory.verified_folder(name) for name in evaluations(directory)]
     means = [9000 * values.per_case("chamfer").mean() for values in read_values(folders)["none"].values()]
     assert means[0] != means[1]
-    show_tables(trainings_table(folders))
+    show_tables(trainings_table(folders), console)
     printed = console.export_text()
     assert "2 trainings of each network" in printed
     assert ", ".join(f"{mean:.2f}" for mean in means) in printed

@@ -132,7 +132,7 @@ def test_objects_without_renderings_fail_with_the_remedy(tmp_path):
 def test_evaluation_shows_published_rows_and_names_its_objects(data):
     console = Console(file=io.StringIO(), width=200)
     evaluation = DataDirectory(data).verified_folder("evaluation-single-image")
-    show_tables(evaluation_tables(evaluation))
+    show_tables(evaluation_tables(evaluation), console)
     printed = console.file.getvalue()  # type: ignore[attr-defined]
     assert [name for name in TABLE_4 if name not in printed] == []
     assert "of the manifest single-image: 1 test object of 1 class, 2 views each, learned from 1 object;" in " ".join(printed.split())

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 
 from pipeline.kernels.arrays import WHITE
 from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder
+from pipeline.kernels.networks.network_configurations import NetworkInputs
 from pipeline.kernels.networks.unet import UNet
 
 Network = TypeVar("Network", bound=nn.Module)
@@ -30,7 +31,7 @@ def seeded_network(make: Callable[..., Network], *arguments: object, **others: o
 
 
 def encoder(norm: str, width: float = 0.1) -> ImageEncoder:
-    return seeded_network(ImageEncoder, ENCODER_PLANS[LAYERS[norm]], norm=norm, width=width)
+    return seeded_network(ImageEncoder, NetworkInputs(encoder_layers=LAYERS[norm], encoder_norm=norm, encoder_width=width))
 
 
 def all_finite(network: nn.Module) -> bool:
