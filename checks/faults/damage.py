@@ -106,9 +106,9 @@ def row_damaged(trial: Trial) -> Verdict:
     stage = trial.sandbox.only("simulate-touch")
 
     def stop_before_packing() -> None:
-        from pipeline.engine import shard
+        from pipeline.engine import shard_plan
 
-        shard.ShardPlan._publish = lambda *_: os._exit(OK)
+        shard_plan.ShardPlan._publish = lambda *_: os._exit(OK)
         stage.make(trial.data)
 
     trial.run(stop_before_packing)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -41,8 +42,12 @@ class CollisionSpheres:
 
     def world_centres(self, frames: Array) -> Array:  # (..., B, 3) m
         """Compute the centres for link frames (..., L, 4, 4), in the frame of reference of those."""
-        rows, (x, y, z) = frames[..., self.link, :3, :], self.centres.T[..., None]
-        return np.asarray((rows[..., 0] * x + rows[..., 1] * y) + (rows[..., 2] * z + rows[..., 3]))
+        points = np.empty((*frames.shape[:-3], 3, len(self.link)))
+        starts = np.flatnonzero(np.diff(self.link, prepend=-1))  # of each link's spheres
+        for start, stop in pairwise([*starts, len(self.link)]):
+            rows, (x, y, z) = frames[..., self.link[start], :3, :, None], self.centres[start:stop].T
+            points[..., start:stop] = (rows[..., 0, :] * x + rows[..., 1, :] * y) + (rows[..., 2, :] * z + rows[..., 3, :])
+        return np.swapaxes(points, -1, -2)
 
 
 @dataclass(frozen=True, eq=False)
