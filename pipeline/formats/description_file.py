@@ -68,12 +68,13 @@ def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
     try:
         return model.model_validate(read_yaml(path, f"{kind} file"))
     except ValidationError as error:
-        raise InvalidInput(f"{kind} file {path}: {invalid_entries(error, entry_names(model))}. {entries_of(model)}") from error
+        raise InvalidInput(with_entries(f"{kind} file {path}: {invalid_entries(error, entry_names(model))}", model)) from error
 
 
-def entries_of(model: type[BaseModel]) -> str:
-    """Write a sentence that lists a model's entries."""
-    return "Its entries are " + ", ".join(field.alias or name for name, field in model.model_fields.items() if not field.exclude)
+def with_entries(reason: str, model: type[BaseModel]) -> str:
+    """End a sentence about unusable entries of a file, and list those of its model."""
+    names = ", ".join(field.alias or name for name, field in model.model_fields.items() if not field.exclude)
+    return f"{reason}{'' if reason.endswith('?') else '.'} The file's entries are {names}"
 
 
 def read_yaml(

@@ -19,7 +19,7 @@ from pipeline.config.sources import Pybullet
 from pipeline.console import CONTROLS
 from pipeline.entries import Entries
 from pipeline.errors import InvalidInput
-from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, parse_yaml
+from pipeline.formats.description_file import entry_names, invalid_entries, parse_yaml, with_entries
 from pipeline.formats.file_content import read_text
 from pipeline.store import digest
 from pipeline.store.record import Name, Sha256, Text
@@ -181,7 +181,7 @@ def read_recipe(path: Path) -> Recipe:
         recipe.rows  # noqa: B018 (an error where a line cannot be used)
         changed = sorted({name for name, _ in recipe.entry_hashes().items() ^ recipe.checksums.items()})
     except ValidationError as error:
-        raise InvalidInput(f"recipe {path}: {invalid_entries(error, entry_names(Recipe))}. {entries_of(Recipe)}") from error
+        raise InvalidInput(with_entries(f"recipe {path}: {invalid_entries(error, entry_names(Recipe))}", Recipe)) from error
     except ValueError as error:
         raise InvalidInput(f"recipe {path}: {error}") from error
     if wrong := [name for name, stage in recipe.stages.items() if len(stage.roots) != recipe.shards]:

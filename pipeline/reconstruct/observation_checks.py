@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.console import pluralise
 from pipeline.errors import InvalidInput
-from pipeline.formats.description_file import entries_of
+from pipeline.formats.description_file import with_entries
 from pipeline.kernels.geometry.transforms import invert_pose
 from pipeline.kernels.networks.network_configurations import ImageKind, NetworkInputs
 from pipeline.kernels.touch.photograph_faults import photograph_faults, untouched_faults
@@ -57,12 +57,12 @@ def check(source: Path | RobotObservation, target: Target | None = None) -> Chec
         read, invalid_text, invalid = read_observation(source)
         name = f"observation file {source}"
         if read is None:
-            raise InvalidInput(f"{name}: {invalid_text}. {entries_of(RobotObservation)}")
+            raise InvalidInput(with_entries(f"{name}: {invalid_text}", RobotObservation))
         observation = read
     box, faults = _examine(observation, target)
     lines = [fault.text for fault in faults if invalid.isdisjoint(fault.without)]
     if invalid_text:
-        raise InvalidInput(f"{name}: {'; '.join([invalid_text, *lines])}. {entries_of(RobotObservation)}")
+        raise InvalidInput(with_entries(f"{name}: {'; '.join([invalid_text, *lines])}", RobotObservation))
     if lines:
         raise InvalidInput(f"{name}: {'; '.join(lines)}")
     assert box is not None  # otherwise there is a fault

@@ -12,7 +12,7 @@ from scipy.ndimage import uniform_filter
 
 from pipeline.console import pluralise
 from pipeline.errors import InvalidInput
-from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, read_yaml
+from pipeline.formats.description_file import entry_names, invalid_entries, read_yaml, with_entries
 from pipeline.formats.file_units import METRES
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import foreground
@@ -164,7 +164,7 @@ class RobotObservation(ObservationEntries):
             super().__init__(**entries)
         except ValidationError as error:
             faults = invalid_entries(error, entry_names(RobotObservation))
-            raise InvalidInput(f"observation: {faults}. {entries_of(RobotObservation)}") from error
+            raise InvalidInput(with_entries(f"observation: {faults}", RobotObservation)) from error
 
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # `model_validate` does without it, and keeps its context
 

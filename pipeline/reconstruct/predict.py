@@ -56,8 +56,9 @@ class PredictOptions:
     def network(self, data: Location | None = None) -> tuple[Location, str]:
         """Choose the folder of models and the network, for objects of a data directory if one is named."""
         models = models_location(self.models) if isinstance(self.models, str) else self.models
-        if models is None and data is not None and (trained_models(data / "models", self.training_seed) or not trained_models(SHIPPED)):
-            models = data / "models"
+        if models is None and data is not None:
+            trained = trained_models(data / "models", self.training_seed)
+            models = data / "models" if trained or self.training_seed or not trained_models(SHIPPED) else None
         if models is None and self.training_seed:
             raise StageError(
                 f"the pretrained network has one training; name models of training seed {self.training_seed}, or omit the seed"

@@ -139,7 +139,7 @@ def test_folder_with_a_line_break_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"queue": "x"}, "there is no entry queue. Its entries are name, summary, cpu, gpu, concurrent, setup"),
+        ({"queue": "x"}, "there is no entry queue. The file's entries are name, summary, cpu, gpu, concurrent, setup"),
         ({"cpu": {"partition": "cpu"}}, "entry cpu.cores is missing"),
         ({"cpu": {"partition": "a b", "cores": 1, "memory": "1G", "time": "60"}}, "cpu.partition: String should match"),
         ({"cpu": {"partition": "cpu", "cores": 0, "memory": "1G", "time": "60"}}, "cpu.cores: Input should be greater than or equal to 1"),

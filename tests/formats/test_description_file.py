@@ -37,7 +37,7 @@ def test_sensor_file_is_loaded_by_path(tmp_path: Path) -> None:
         ({"surface": {"heights": [[0.006, 0.006], [0.006, 0.006]], "along": "x"}}, "surface: along: x is how a bulge"),
         ({"noise": "some"}, r"noise: Input should be 'none' \(it is 'some'\), or Input should be a valid number"),
         ({"membrane": None}, r"membrane: Input should be a valid number \(it is null\)"),
-        ({"name": "a" * 200}, r"name: .* characters\. Its entries"),
+        ({"name": "a" * 200}, r"name: .* characters\. The file"),
         ({"lights": "red"}, r"lights: it must be a mapping, {NAME: VALUE, …} \(it is 'red'\)"),
         ({"w": float("nan")}, r"w: .* \(it is nan\)"),
         ({"rows": 2**31}, "rows"),
@@ -53,7 +53,7 @@ def test_unusable_sensor_entry_is_named_with_its_file(tmp_path: Path, changes: d
 def test_every_unusable_entry_is_named_in_one_line(tmp_path: Path) -> None:
     path = sensor_file(tmp_path, heigth=0.03, rows=48.5)
     with pytest.raises(
-        InvalidInput, match=r"rows: .*; there is no entry heigth, did you mean height\?. Its entries are name, width, height, rows"
+        InvalidInput, match=r"rows: .*; there is no entry heigth, did you mean height\? The file's entries are name, width, height, rows"
     ) as error:
         load_sensor(path)
     assert "\n" not in str(error.value)

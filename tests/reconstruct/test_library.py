@@ -57,7 +57,7 @@ def test_wrong_observation_type_and_invalid_resolution_are_named(grasp_and_model
             r"image is float64 \(4, 4\); it must be uint8 \(rows, cols, 3\)",
         ),
         ({"sensor": "gel_16mm", "touches": [TOUCH]}, r"touches.0 is uint8 \(4, 4\); it must be uint8 \(rows, cols, 3\)"),
-        ({"kamera": CAMERA}, r"there is no entry kamera, did you mean camera\?\. Its entries are unit, up, object"),
+        ({"kamera": CAMERA}, r"there is no entry kamera, did you mean camera\? The file's entries are unit, up, object"),
         ({"camera": CAMERA | {"depth": np.full((4, 4), 800, np.int32)}}, r"depth is int32 \(4, 4\); it must be uint16"),  # levels
     ],
 )

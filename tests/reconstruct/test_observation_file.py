@@ -86,7 +86,7 @@ def test_all_faults_of_a_file_are_named_at_once(tmp_path, entries, error_of):
         "touches.3.pose: the last row is [0.0, 0.0, 0.0, 2.0]; it must be 0 0 0 1",
         "the camera does not see the object's centre, [0.4, -0.1, 0.2] m (as stated): with convention: opengl it would",
         "ring is 0.459 m from the object's centre",
-        "Its entries are unit, up, object, camera",
+        "The file's entries are unit, up, object, camera",
     ):
         assert words in message
     entries["camera"]["mask"] = "small.png"
