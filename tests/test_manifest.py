@@ -106,7 +106,10 @@ def test_different_checksum_is_an_error(tmp_path):
         ({"splits": {"train": 0.5, "valid": 0.1, "test": 0.1}}, r"0.5 \+ 0.1 \+ 0.1 = 0.7; shares must sum to 1"),
         ({"splits": {"train": 0.7, "valid": 0.3, "test": 0.15}}, r"= 1.15; shares must sum to 1, counts be whole numbers"),
         ({"descriptoin": "x"}, "there is no entry descriptoin, did you mean description\\?"),
-        ({"sources": [{"kind": "cloud", "licence": "x"}]}, r"unknown kind of source cloud; choose from [^;]*procedural\. Its entries"),
+        (
+            {"sources": [{"kind": "cloud", "licence": "x"}]},
+            r"unknown kind of source cloud; choose from [^;]*procedural\. The file's entries",
+        ),
         ({"seed": -1}, "seed"),
         *(({"name": f"m{character}"}, "name: .*contains the control character") for character in "\0\n\x1b\u202e\u2066"),
         ({"sources": []}, "sources"),

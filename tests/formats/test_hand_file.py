@@ -68,7 +68,7 @@ def test_hand_file_finds_links_and_joints_of_another_urdf_by_name(hand: Hand, tm
         ("joints: [joint_0.0,", "joints: [0,", "fingers.0.joints.0: it must be text (it is 0); put it in quotes"),
         ("joints: [joint_0.0,", "joints: [yes,", "fingers.0.joints.0: it must be text (it is True); put it in quotes"),
         ("joints: [joint_0.0,", "joints: [2026-01-01,", "it must be text (it is the date 2026-01-01); put it in quotes"),
-        ("joints: [joint_0.0,", "joints: [[0],", "fingers.0.joints.0: it must be text. Its entries"),
+        ("joints: [joint_0.0,", "joints: [[0],", "fingers.0.joints.0: it must be text. The file's entries"),
         ("link: base_link", "link: link_99", "there is no link 'link_99'"),
         ("link: base_link", "link: link_0.0", "there is no moving joint 'joint_0.0'; there are joint_1.0, joint_2.0, joint_3.0"),
     ],

@@ -110,7 +110,7 @@ def doubled_areas(vertices: Tensor, faces: Tensor) -> Tensor:
 
 def _choose(cumulative: Tensor, uniform: Tensor) -> Tensor:
     """Find the first faces (n,) whose cumulative area (F,) exceeds `uniform` (n,) of the whole: ones with an area."""
-    total = cumulative[-1]
+    total = cumulative[-1:].sum()  # 0 without faces
     if not 0 < float(total) < math.inf:
         raise InvalidInput(f"the surface's area is {float(total) / 2:g}: no face has a finite area above 0 to draw points from")
     below = torch.nextafter(total, torch.zeros_like(total))  # rounding may reach the whole itself
