@@ -160,15 +160,16 @@ def test_ends_of_the_cumulative_area_choose_faces_with_area() -> None:
 
 
 @pytest.mark.parametrize(
-    ("vertices", "named"),
+    ("vertices", "faces", "named"),
     [
-        (VERTICES * 0, "area"),
-        (VERTICES * torch.nan, "NaN"),
+        (VERTICES, FACES[:0], "area"),
+        (VERTICES * 0, FACES, "area"),
+        (VERTICES * torch.nan, FACES, "NaN"),
     ],
 )
-def test_invalid_surfaces_are_rejected_by_name(vertices: Tensor, named: str) -> None:
+def test_invalid_surfaces_are_rejected_by_name(vertices: Tensor, faces: Tensor, named: str) -> None:
     with pytest.raises(ValueError, match=named):
-        sample_surface(vertices, FACES, 5, generator())
+        sample_surface(vertices, faces, 5, generator())
 
 
 CUBE = trimesh.creation.box()
