@@ -1,6 +1,6 @@
 """Time tactile images of a sensor pressed onto a mesh, exact depth included: `python benchmarks/gel_images.py KIND ROWS COLUMNS`.
 
-`benchmarks.before` runs this file in checkouts of other commits: it uses the library's interface alone, and prints processor seconds per image.
+`benchmarks.before` runs this file in checkouts of other commits, so it uses the library alone. It prints processor seconds per image.
 """
 
 import sys
