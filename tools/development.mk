@@ -1,7 +1,7 @@
 # Tests on other systems, and measurements: targets for contributors. Included by the Makefile.
 
-.PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults findings fuzz bench bench-grasps bench-peers bench-touch \
-        tradeoff weights sensor-weights
+.PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults findings fuzz bench bench-before bench-grasps bench-peers \
+        bench-touch tradeoff weights sensor-weights
 
 PEERS_PYTHON := .venv-peers/bin/python
 installed-browser installed-exports installed-peers installed-tactile-mnist: installed-dev
@@ -70,6 +70,11 @@ fuzz: installed-dev  ## feed a million invalid files to all file readers (half a
 
 bench: installed-dev simulate-touch.0  ## measure every stage beside its raw limit, in one run
 	@$(BIN)/python -m benchmarks surfaces vision depth presses chamfer gcn --data $(call quoted,$(DATA))
+
+bench-before: setup  ## measure this checkout beside the commit BEFORE, in turns: seconds and memory of stages, images, predict, training, evaluate
+	@$(if $(BEFORE),,echo "name the commit to compare with: make bench-before BEFORE=COMMIT"; exit 1)
+	@$(BIN)/python -m benchmarks.before $(call quoted,$(BEFORE)) $(ROWS) $(if $(ROUNDS),--rounds $(call quoted,$(ROUNDS))) \
+	    $(if $(filter override,$(origin DATA)),--data $(call quoted,$(DATA)))
 
 bench-grasps: installed-dev simulate-grasps.0  ## test DATA's grasps in PyBullet and MuJoCo: lift, six directions, DexGraspBench
 	@$(BIN)/python -m benchmarks.held_grasps $(call quoted,$(DATA))
