@@ -1,5 +1,6 @@
 """Checks of description files: what a sensor or scene file describes, as lines and as a picture; hands and manifests are beside."""
 
+import shlex
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -80,6 +81,8 @@ def _path_of(name: str) -> Path:
     path = description_path(shipped[name], name) if name in shipped else expanded(name)
     if not path.exists():
         raise InvalidInput(f"{path} does not exist; shipped files are {', '.join(sorted(shipped))}")
+    if path.is_dir():
+        raise InvalidInput(f"{path} is a folder; to check its meshes, run `vt-pipeline check directory --objects {shlex.quote(name)}`")
     return path
 
 

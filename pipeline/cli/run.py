@@ -8,7 +8,6 @@ from typing import Annotated, Any
 import typer
 
 from pipeline.cli import options
-from pipeline.cli.failures import fail
 from pipeline.cli.options import OBJECTS, RUN
 from pipeline.config.manifest import load_manifest
 from pipeline.console import NAMED, abbreviate, console, print_lines, print_warning
@@ -59,8 +58,8 @@ def run(
     named: dict[str, Any] = {"data": data, "objects": objects, "assignments": assignments or (), "seed": seed, "units": units, "up": up}
     how: dict[str, Any] = {"shards": shards, "executor": processes, "strict": strict, "retry": retry, "check": check, "only": object_id}
     request = make_request(stage, manifest, preset, **named, **how, reuse=reuse and as_location(reuse))
-    if reuse and not DataDirectory(reuse).is_data_directory():
-        fail(f"--reuse {reuse} is no data directory; name one that `vt-pipeline run` made")
+    if reuse:
+        DataDirectory(reuse).check_exists()
     print_lines(*([] if request.stage.inputs(request.settings) else load_manifest(manifest).remarks(objects)))
     print_lines(*request.stage.describe_objects(request.settings, request.objects))
     with processes:

@@ -111,9 +111,9 @@ def _check_current(record: ShardRecord, name: str, items: Sequence[Object], data
                 raise StoreError(f"{plan.path} has not been made; run {name} for all shards, then write the recipe")
             version = made.versions.get("vt-pipeline")
             raise StoreError(
-                f"{plan.path} is not what {name} makes here and now: it was made by other code (vt-pipeline {version}), of other files or "
-                "manifest, or in part. Install that version, run the stage again, or state its --manifest, --objects, --units and --up, "
-                "then write the recipe"
+                f"{plan.path} is out of date: {name} of vt-pipeline {version} made it with code, files or manifest that have changed "
+                f"since, or in part. Run `vt-pipeline run {name} --data {data}` again, install that version, or state its --manifest, "
+                "--objects, --units and --up; then write the recipe"
             )
 
 
