@@ -109,14 +109,15 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> PressedGel:
     layer = _Layer(pitch, gel.poisson, sensor.layer_thickness)
     window = tuple(slice(at[0], at[-1] + 1) for at in (np.flatnonzero(coarse.any(axis=axis)) for axis in (1, 0)))
     share = (coarse[window] / deepest).astype(np.float32)
-    unit_pressure, indentation = np.zeros(coarse.shape, np.float32), np.empty(0)  # of a gel whose plane-strain modulus is 1 Pa
-    unit_pressure[window], indentation = _solve(share, _displacement(share.shape, coarse.shape, layer), _stiffness(share.shape, layer))
+    window_pressure, indentation = _solve(share, _displacement(share.shape, coarse.shape, layer), _stiffness(share.shape, layer))
+    unit_pressure = np.zeros(coarse.shape, np.float32)  # of a gel whose plane-strain modulus is 1 Pa, per m of the deepest impression
+    unit_pressure[window] = window_pressure
     if share.shape != coarse.shape:
         indentation = _displacement(coarse.shape, coarse.shape, layer)(unit_pressure)
-    surface, pressure = np.empty(sensor.shape), np.zeros(sensor.shape)
-    _refine(deepest * indentation, factor, pressed, surface)
-    _spread(deepest * unit_pressure.astype(np.float64), factor, pressed, gel.modulus / (1 - gel.poisson**2), pressure)
-    return PressedGel(surface, pressure > 0, pressure)
+    indentation, pressure = indentation * deepest, unit_pressure * (deepest * gel.modulus / (1 - gel.poisson**2))
+    if factor > 1:
+        indentation, pressure = _refine(indentation, factor, sensor.shape), _spread(pressure, factor, pressed)
+    return PressedGel(np.maximum(indentation, pressed, out=indentation, where=pressed > 0), pressure > 0, pressure)
 
 
 def contact_cells(sensor: Sensor) -> tuple[int, tuple[float, float]]:
@@ -142,8 +143,9 @@ def _cell_means(pressed: Array, factor: int) -> Array:
     means = np.zeros((-(-rows // factor), -(-cols // factor)))
     for row in range(rows):
         line, into = pressed[row], means[row // factor]
-        for col in range(cols):
-            into[col // factor] += line[col]
+        for part in range(factor):
+            for cell in range((cols - part + factor - 1) // factor):
+                into[cell] += line[cell * factor + part]
     return means / factor**2
 
 
@@ -187,7 +189,14 @@ def _stiffness(window: tuple[int, int], layer: _Layer) -> _Convolution:
     waves = [2 * np.pi * scipy.fft.fftfreq(count, size) for count, size in zip(padded, layer.pitch, strict=True)]
     wave = np.sqrt(np.square(waves[0])[:, None] + np.square(waves[1])[None, : padded[1] // 2 + 1])
     wave[0, 0] = np.pi / max(count * size for count, size in zip(window, layer.pitch, strict=True))  # a single contact is not infinite
-    return _Convolution(padded, (wave / (2 * layer_factor(wave * layer.thickness, layer.poisson))).astype(np.float32))
+    return _Convolution(padded, (wave / (2 * np.interp(wave * layer.thickness, *_factors(layer.poisson)))).astype(np.float32))
+
+
+@lru_cache(maxsize=8)
+def _factors(poisson: float) -> tuple[Array, Array]:
+    """Tabulate `layer_factor`: waves, and their factors."""
+    waves = np.linspace(0, WAVES, 2000)
+    return waves, layer_factor(waves, poisson)
 
 
 def _solve(pressed: Array32, displacement: _Convolution, stiffness: _Convolution) -> tuple[Array32, Array32]:
@@ -198,16 +207,18 @@ def _solve(pressed: Array32, displacement: _Convolution, stiffness: _Convolution
     pressure = np.where(pressed > 0, np.maximum(stiffness(pressed), 0), 0)
     if not pressure.any():
         pressure = pressed.copy()
-    pressure *= (pressed * pressure).sum() / (displacement(pressure) * pressure).sum()
+    surface = displacement(pressure)
+    pressure *= (scale := (pressed * pressure).sum() / (surface * pressure).sum())
+    surface *= scale
     change, gap, length = np.zeros_like(pressed), np.zeros_like(pressed), FIRST_LENGTH
-    for step in range(MAX_STEPS):
-        surface = displacement(pressure)
+    for _ in range(MAX_STEPS):
         error, through, progress, curvature = _look(surface, pressed, pressure, change, gap)
         if max(error, through) < TOLERANCE:
             return pressure, surface
         if progress > 0 and curvature > 0:
             length = min(max(length * progress / curvature, SHORTEST), LONGEST)
         _advance(stiffness(gap), np.float32(length), gap, pressure, change)
+        surface = displacement(pressure)
     raise ArithmeticError(f"the contact of {int((pressed > 0).sum())} cells has not settled after {MAX_STEPS} steps")
 
 
@@ -216,26 +227,29 @@ def _look(surface: Array32, pressed: Array32, pressure: Array32, change: Array32
     """Update the gap in the contact, 0 outside; return its root mean square, how far the object comes through around, and two products.
 
     The products of the last change of pressure are those with the gap before, negative, and with the change of the gap. Sums are taken by
-    columns, which can be compiled to vectors.
+    columns, in short loops: so the compiler vectorises them.
     """
     rows, cols = pressed.shape
     zero, one = np.float32(0), np.float32(1)
+    now = np.empty(cols, np.float32)
     squares, cells, through, progress, curvature = np.zeros((5, cols), np.float32)
     for row in range(rows):
         depth, height, force, moved, kept = pressed[row], surface[row], pressure[row], change[row], gap[row]
         for col in range(cols):
-            now = height[col] - depth[col]
+            now[col] = height[col] - depth[col]
+        for col in range(cols):
             progress[col] -= moved[col] * kept[col]
-            curvature[col] += moved[col] * (now - kept[col])
-            rests = force[col] > zero
-            comes = (depth[col] > zero) & (now < zero)
-            inside = now if rests | comes else zero
-            kept[col] = inside
-            squares[col] += inside * inside
-            cells[col] += one if rests | comes else zero
-            outside = zero if rests else -inside
+        for col in range(cols):
+            curvature[col] += moved[col] * (now[col] - kept[col])
+        for col in range(cols):
+            kept[col] = now[col] if (force[col] > zero) | ((depth[col] > zero) & (now[col] < zero)) else zero
+        for col in range(cols):
+            squares[col] += kept[col] * kept[col]
+            cells[col] += one if kept[col] != zero else zero
+        for col in range(cols):
+            outside = zero if force[col] > zero else -kept[col]
             through[col] = outside if outside > through[col] else through[col]
-    return np.sqrt(squares.sum() / cells.sum()), through.max(), progress.sum(), curvature.sum()
+    return np.sqrt(squares.sum() / max(cells.sum(), one)), through.max(), progress.sum(), curvature.sum()
 
 
 @compiled
@@ -254,9 +268,10 @@ def _advance(step: Array32, length: np.float32, gap: Array32, pressure: Array32,
 
 
 @compiled
-def _spread(cells: Array, factor: int, pressed: Array, scale: float, pressure: Array) -> None:
+def _spread(cells: Array, factor: int, pressed: Array) -> Array:
     """Spread the pressure on each cell over its pixels that are pressed: falling to the lesser neighbour, with the cell's force."""
-    rows, cols = cells.shape
+    (rows, cols), (last_row, last_col) = cells.shape, pressed.shape
+    pressure = np.zeros(pressed.shape)
     for row in range(rows):
         for col in range(cols):
             here = cells[row, col]
@@ -264,18 +279,19 @@ def _spread(cells: Array, factor: int, pressed: Array, scale: float, pressure: A
                 continue
             slope_y = _slope(cells[max(row - 1, 0), col], here, cells[min(row + 1, rows - 1), col]) / factor
             slope_x = _slope(cells[row, max(col - 1, 0)], here, cells[row, min(col + 1, cols - 1)]) / factor
-            pixels = pressed[row * factor : (row + 1) * factor, col * factor : (col + 1) * factor]
-            into = pressure[row * factor : (row + 1) * factor, col * factor : (col + 1) * factor]
-            total = 0.0
-            for y in range(pixels.shape[0]):
-                for x in range(pixels.shape[1]):
-                    if pixels[y, x] > 0:
-                        into[y, x] = here + (y + 0.5 - factor / 2) * slope_y + (x + 0.5 - factor / 2) * slope_x
-                        total += into[y, x]
-            share = scale * here * factor**2 / total
-            for y in range(pixels.shape[0]):
-                for x in range(pixels.shape[1]):
-                    into[y, x] *= share
+            top, left, total = row * factor, col * factor, 0.0
+            bottom, right = min(top + factor, last_row), min(left + factor, last_col)
+            for y in range(top, bottom):
+                start = here + (y - top + 0.5 - factor / 2) * slope_y + (0.5 - factor / 2) * slope_x
+                for x in range(left, right):
+                    if pressed[y, x] > 0:
+                        pressure[y, x] = start + (x - left) * slope_x
+                        total += pressure[y, x]
+            share = here * factor**2 / total
+            for y in range(top, bottom):
+                for x in range(left, right):
+                    pressure[y, x] *= share
+    return pressure
 
 
 @compiled
@@ -287,34 +303,32 @@ def _slope(before: float, here: float, after: float) -> float:
     return down if abs(down) < abs(up) else up
 
 
-def _refine(coarse: Array, factor: int, pressed: Array, surface: Array) -> None:
-    """Interpolate by cubics through the middles of cells, each of which becomes factor x factor pixels; not above what presses."""
+def _refine(coarse: Array, factor: int, shape: tuple[int, int]) -> Array:
+    """Interpolate by cubics through the middles of cells, each of which becomes factor x factor pixels; cut to a shape."""
     shares = (np.arange(factor) + 0.5) / factor - 0.5
     t = shares % 1  # of the way from the second to the third of four neighbours, weighted as Catmull and Rom do
     weights = np.stack(
         [t * (-0.5 + t * (1 - t / 2)), 1 + t * t * (-2.5 + 1.5 * t), t * (0.5 + t * (2 - 1.5 * t)), t * t * (-0.5 + t / 2)], axis=1
     )
-    starts = np.floor(shares).astype(np.int64)
     for _ in range(2):  # beyond the first and last cells, along a line
         coarse = np.pad(coarse, 1, mode="reflect", reflect_type="odd")
-    _refine_rows(coarse, factor, starts, weights, pressed, surface)
+    fine = np.empty(shape)
+    _refine_rows(coarse, np.floor(shares).astype(np.int64), weights, fine)
+    return fine
 
 
 @compiled
-def _refine_rows(padded: Array, factor: int, starts: NDArray[np.int64], weights: Array, pressed: Array, surface: Array) -> None:
-    """Interpolate between rows and then between columns of cells with two more around them."""
-    line = np.empty(padded.shape[1])
-    for row in range(surface.shape[0]):
-        part, into, presses = row % factor, surface[row], pressed[row]
-        first = row // factor + starts[part] + 1
+def _refine_rows(padded: Array, starts: NDArray[np.int64], weights: Array, fine: Array) -> None:
+    """Interpolate between rows, then between columns, of cells with two more on every side."""
+    factor, line = len(starts), np.empty(padded.shape[1])
+    for row in range(fine.shape[0]):
+        first, weight, into = row // factor + starts[row % factor] + 1, weights[row % factor], fine[row]
         a, b, c, d = padded[first], padded[first + 1], padded[first + 2], padded[first + 3]
         for col in range(len(line)):
-            line[col] = weights[part, 0] * a[col] + weights[part, 1] * b[col] + weights[part, 2] * c[col] + weights[part, 3] * d[col]
+            line[col] = weight[0] * a[col] + weight[1] * b[col] + weight[2] * c[col] + weight[3] * d[col]
         for part in range(factor):
-            weight = weights[part]
-            first = starts[part] + 1
+            at, weight = line[starts[part] + 1 :], weights[part]
             for cell in range((len(into) - part + factor - 1) // factor):
-                at = cell + first
-                height = weight[0] * line[at] + weight[1] * line[at + 1] + weight[2] * line[at + 2] + weight[3] * line[at + 3]
-                pixel = cell * factor + part
-                into[pixel] = max(height, presses[pixel]) if presses[pixel] > 0 else height
+                into[cell * factor + part] = (
+                    weight[0] * at[cell] + weight[1] * at[cell + 1] + weight[2] * at[cell + 2] + weight[3] * at[cell + 3]
+                )
