@@ -207,7 +207,7 @@ def test_run_of_one_object_leaves_the_others_missing(tmp_path):
 
 def test_report_of_a_missing_folder_names_it(tmp_path):
     output = vt("report", str(tmp_path / "nowhere"), fails=True)
-    assert output.startswith(f"error: folder {tmp_path}/nowhere does not exist"), output
+    assert output.startswith(f"error: {tmp_path}/nowhere is not a data directory; make one with"), output
 
 
 def test_recipe_of_an_incomplete_dataset_names_the_missing_shard(tmp_path):

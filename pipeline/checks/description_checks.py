@@ -24,7 +24,7 @@ from pipeline.kernels.touch.depth_maps import gel_surface, normal_force, press_g
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.kernels.vision.camera import camera_pose, project_points, projection_matrix
-from pipeline.kernels.vision.scene import NamedCamera
+from pipeline.kernels.vision.scene import Camera
 
 ENTRIES: dict[Kind, set[str]] = {
     "sensor": {"w", "rows", "cols"},
@@ -123,7 +123,7 @@ def check_scene(path: Path, picture: Path) -> list[str]:
     ]
 
 
-def _camera_line(camera: NamedCamera) -> str:
+def _camera_line(camera: Camera) -> str:
     rows, columns = camera.shape
     corners = POSITION + SIZE / 2 / np.sqrt(3) * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
     pixels = project_points(projection_matrix(camera), np.concatenate([POSITION[None], corners]))

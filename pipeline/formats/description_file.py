@@ -63,12 +63,7 @@ def description_path(kind: Kind, name: str | Path) -> Path:
     return path
 
 
-def read_description(
-    kind: Kind,
-    path: Path,
-    model: type[Model],
-    *parts: type[BaseModel],  # of the file that the model's schema does not name
-) -> Model:
+def read_description(kind: Kind, path: Path, model: type[Model], *parts: type[BaseModel]) -> Model:  # `parts` are what its schema lacks
     """Read and validate a description file; the message names the file and every entry that is missing, unknown or unusable."""
     try:
         return model.model_validate(read_yaml(path, f"{kind} file"))
@@ -136,7 +131,7 @@ def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
     """Name every unusable entry, with the reason and a short value; suggest the closest one of `names`, all entries."""
     details: list[Any] = error.errors()
     locations = [item["loc"] for item in details]
-    known = {*names, *(item["loc"][-1] for item in details if item["type"] == "missing")}
+    known = {*names, *(str(item["loc"][-1]) for item in details if item["type"] == "missing")}
     guesses = {  # the same name in another part of the file is no suggestion
         item["loc"]: closest_name(item["loc"][-1], known - {item["loc"][-1]}) for item in details if item["type"] == "extra_forbidden"
     }

@@ -272,7 +272,7 @@ def test_dataset_of_other_inputs_or_without_rows_has_no_recipe(published: Path, 
     manifest.write_text(manifest.read_text().replace("CC0", "CC-BY-4.0"))
     output = vt("recipe", tmp_path / "p" / "data", "--manifest", manifest, fails=True)
     assert "has licence 'CC0' and file 'ball.ply' there, and others in the manifest; delete that folder" in output
-    assert "sample-surfaces has made nothing here" in vt("recipe", tmp_path, fails=True)
+    assert "surfaces has not been made; run `vt-pipeline run sample-surfaces --data" in vt("recipe", tmp_path, fails=True)
 
 
 def test_recipe_without_images_can_be_remade_and_one_without_what_a_stage_reads_cannot(published: Path, remade: tuple[Path, str]) -> None:

@@ -78,7 +78,7 @@ def _check_roundness(photographs: list[Photograph], untouched: NDArray[np.uint8]
         return
     wider = f"{100 * (aspect - 1):.0f} % wider than high" if aspect > 1 else f"{100 * (1 / aspect - 1):.0f} % higher than wide"
     raise InvalidInput(
-        f"contacts are {wider}, in pixels (median of {len(aspects)}): pixels are not square; add --mm-per-row: by this "
+        f"contacts are {wider}, in pixels (median of the {len(aspects)} smallest): pixels are not square; add --mm-per-row: by this "
         f"measurement {aspect:.3f} times --mm-per-pixel, which is along a row"
     )
 
