@@ -58,15 +58,15 @@ class StoredArray:
         number, row = divmod(position or 0, self.file_shape[0]) if self.shape else (0, 0)
         file = Path(str(self.path), "c", *[str(number), *["0"] * len(self.shape)][: len(self.shape)])
         if array.dtype == "string":
-            texts = VLenUTF8().decode(blosc.decompress(without_checksum(read_bytes(file))))
-            return np.asarray(texts.astype(np.dtypes.StringDType()).reshape(self.file_shape)[... if position is None else row])
+            texts = VLenUTF8().decode(blosc.decompress(without_checksum(read_bytes(file)))).astype(np.dtypes.StringDType())
+            return np.asarray(texts if position is None else texts[row, ...])
         if position is None:
             return decode_array(array, shape, array.dtype, [read_bytes(file)])
         chunk = chunking(array, self.shape)[1]
         if chunk[0] == 1:
             return decode_array(array, shape, array.dtype, read_chunks(file, self.file_shape, chunk, row))
         (encoded,) = read_chunks(file, self.file_shape, chunk, 0)  # several objects share it
-        return np.array(np.frombuffer(blosc.decompress(without_checksum(encoded)), numpy_dtype(array)).reshape(chunk)[row])
+        return np.frombuffer(blosc.decompress(without_checksum(encoded)), numpy_dtype(array)).reshape(chunk)[row, ...].copy()
 
 
 def read_chunks(file: Path, file_shape: Sequence[int], chunk: Sequence[int], row: int) -> Iterator[bytes]:
