@@ -165,7 +165,7 @@ def _shade(
         if first == cols:
             continue
         first, last = max(first - 1, 0), min(last + 1, cols - 1)
-        _fill_normals(bump[row], bump[above], bump[below], pitch[1], (below - above) * pitch[0], steepest, terms[0], terms[1])
+        _fill_normals(bump[row], bump[above], bump[below], pitch[1], (below - above) * pitch[0], steepest, terms)
         _fill_powers(degrees[0], bump[row], deepest, terms)
         total, across = light[first : last + 1], x[first : last + 1]
         for channel in range(3):
@@ -185,33 +185,34 @@ def _shade(
 
 @compiled
 def _fill_normals(
-    here: Array, above: Array, below: Array, pitch: float, rise: float, steepest: float, normals_x: Array, normals_y: Array
+    here: Array,  # (cols,) m, a row
+    above: Array,  # the row before, or the row itself
+    below: Array,  # the row after, or the row itself
+    pitch: float,  # between columns, m
+    rise: float,  # between the rows above and below, m
+    steepest: float,
+    terms: Array,  # (terms, cols) whose first two are changed
 ) -> None:
-    """Compute the slanting parts of the normals of a row (cols,) between two others: as tilted as the steepest that was fitted, at most."""
-    cols = len(here)
-    normals_x[0], normals_x[cols - 1] = (here[1] - here[0]) / pitch, (here[cols - 1] - here[cols - 2]) / pitch
-    for col in range(1, cols - 1):
-        normals_x[col] = (here[col + 1] - here[col - 1]) / (2 * pitch)
-    for col in range(cols):
-        normals_y[col] = (below[col] - above[col]) / rise
-    for col in range(cols):
-        squared = normals_x[col] * normals_x[col] + normals_y[col] * normals_y[col]
-        limit = squared / (steepest * steepest)
-        size = np.sqrt(limit if limit > 1.0 + squared else 1.0 + squared)
-        normals_x[col] /= size
-        normals_y[col] /= size
+    """Compute how far the normals of a row lean along x and y: as much as the steepest that was fitted, at most."""
+    last, normals_x, normals_y = len(here) - 1, terms[0], terms[1]
+    across, along, limit = 0.5 / pitch, 1 / rise, 1 / (steepest * steepest)
+    normals_x[0], normals_x[last] = (here[1] - here[0]) / pitch, (here[last] - here[last - 1]) / pitch
+    for col in range(1, last):
+        normals_x[col] = (here[col + 1] - here[col - 1]) * across
+    for col in range(last + 1):
+        slope_x, slope_y = normals_x[col], (below[col] - above[col]) * along
+        squared = slope_x * slope_x + slope_y * slope_y
+        share = 1 / np.sqrt(squared * limit if squared * limit > 1.0 + squared else 1.0 + squared)
+        normals_x[col], normals_y[col] = slope_x * share, slope_y * share
 
 
 @compiled
-def _fill_powers(degree: int, bump: Array, deepest: float, terms: Array) -> None:
-    """Compute the terms of the normal from the first two, and the depth's after them."""
+def _fill_powers(highest: int, bump: Array, deepest: float, terms: Array) -> None:
+    """Compute the terms of the normal, up to a degree, from the first two, and the depth's after them."""
     number = 2
-    for degree in range(2, degree + 1):  # each term is one of the degree before times nx, the last times ny
-        previous = number - degree
+    for degree in range(2, highest + 1):  # each term is one of the degree before times nx, the last times ny
         for k in range(degree + 1):
-            factor, source, into = (
-                (terms[0], terms[previous + k], terms[number + k]) if k < degree else (terms[1], terms[number - 1], terms[number + k])
-            )
+            factor, source, into = terms[0 if k < degree else 1], terms[number - degree + min(k, degree - 1)], terms[number + k]
             for col in range(len(into)):
                 into[col] = factor[col] * source[col]
         number += degree + 1

@@ -53,7 +53,8 @@ def impression(depth: np.ndarray, sensor: Sensor) -> Array:
     check_shape("depth", depth, *sensor.shape)
     if not (depth >= 0).all():
         raise ValueError("depth holds NaN or negative values; it must be 0 or more, and +inf where nothing is met")
-    return np.maximum(gel_surface(sensor) - depth.astype(np.float64, copy=False), 0.0)
+    pressed = np.subtract(gel_surface(sensor), depth, dtype=np.float64)
+    return np.maximum(pressed, 0.0, out=pressed)
 
 
 def touch_success(depth: np.ndarray, sensor: Sensor) -> Mask:  # (...)

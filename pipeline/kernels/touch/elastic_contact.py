@@ -175,7 +175,7 @@ class _Convolution(NamedTuple):
 @lru_cache(maxsize=8)
 def _displacement(window: tuple[int, int], grid: tuple[int, int], layer: _Layer) -> _Convolution:
     """Compute the displacements of a pressure in a window of a grid, without wrapping around."""
-    rows, cols = half = tuple(scipy.fft.next_fast_len(count, real=True) for count in window)
+    rows, cols = (scipy.fft.next_fast_len(count, real=True) for count in window)
     kernel = np.zeros((rows + 1, cols + 1), np.float32)
     kernel[: window[0], : window[1]] = influence(grid, *layer)[: window[0], : window[1]]
     spectrum = scipy.fft.dctn(kernel, type=1)  # of the kernel and its mirror images
