@@ -54,7 +54,8 @@ def run(
 ) -> None:
     """Run stages.
 
-    Each begins when those before it are finished. Objects that are up to date are left alone; a run that was killed continues where it stopped.
+    Each begins when those before it are finished. Objects that are up to date are left alone; a run that was killed continues where it
+    stopped.
     """
     processes = options.make_executor(executor, workers, scheduler)
     named: dict[str, Any] = {"data": data, "objects": objects, "assignments": assignments or (), "seed": seed, "units": units, "up": up}
