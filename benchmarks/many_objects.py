@@ -46,6 +46,7 @@ class RepeatedDirectory(DataDirectory):
 def repeat(data: Path, count: int, out: Path) -> None:
     """Write `count` objects, the rows of each class in turn, and copy the models."""
     source, target = DataDirectory(data), RepeatedDirectory(out)
+    shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     splits, counts = {"train": 0.6, "valid": 0.2, "test": 0.2}, dict.fromkeys(CLASSES, count // len(CLASSES))
     described = {"name": "many", "description": "Repeated objects.", "seed": 0, "splits": splits}

@@ -111,21 +111,22 @@ def schema_violations(artifact: Artifact, arrays: Mapping[str, AnyArray]) -> Ite
         if declaration is None:
             yield f"{path}: the schema has no such array"
             continue
-        violations = list(array_violations(path, declaration, stored))
+        dims = tuple(stored.dimension_names or ())
+        violations = list(array_violations(path, declaration, stored.data_type, dims, stored.shape))
         yield from violations
         for dim, size in zip(declaration.dims, stored.shape, strict=True) if not violations and "/" not in path else ():
             if sizes.setdefault(dim, (size, path))[0] != size:
                 yield f"{path}: dimension {dim} has size {size}, but {sizes[dim][0]} in {sizes[dim][1]}"
 
 
-def array_violations(path: str, declaration: Array, stored: AnyArray) -> Iterator[str]:
-    """List the violations of a declaration by a stored array, one line each."""
-    if stored.data_type != declaration.dtype:
-        yield f"{path}: dtype is {stored.data_type}, the schema says {declaration.dtype}"
-    if tuple(stored.dimension_names or ()) != declaration.dims or len(stored.shape) != len(declaration.dims):
-        yield f"{path}: dimensions are {stored.dimension_names} of {stored.shape}, the schema says {declaration.dims}"
+def array_violations(path: str, declaration: Array, dtype: object, dims: tuple[str, ...], shape: tuple[int, ...]) -> Iterator[str]:
+    """List the violations of a declaration by a stored array, one line each; `dtype` is as its `zarr.json` has it."""
+    if dtype != declaration.dtype:
+        yield f"{path}: dtype is {dtype}, the schema says {declaration.dtype}"
+    if dims != declaration.dims or len(shape) != len(declaration.dims):
+        yield f"{path}: dimensions are {dims} of {shape}, the schema says {declaration.dims}"
         return
-    for dim, size in zip(declaration.dims, stored.shape, strict=True):
+    for dim, size in zip(declaration.dims, shape, strict=True):
         if size != FIXED.get(dim, size):
             yield f"{path}: dimension {dim} has size {size}, the schema says {FIXED[dim]}"
 

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import zarr
-from pydantic_zarr.v3 import ArraySpec
 
 from pipeline.errors import OtherVersion, StoreError, first_line
 from pipeline.store import digest
@@ -133,7 +132,8 @@ class Shard:
         with self.errors_as_damage(f"{name} cannot be opened"):
             array: Any = self.group[name]
             files = math.prod(math.ceil(size / part) for size, part in zip(array.shape, array.shards or array.chunks, strict=True))
-            violations = list(array_violations(name, declared, ArraySpec.from_zarr(array))) if declared else []
+            dtype, dims = array.metadata.data_type.to_json(zarr_format=3), tuple(array.metadata.dimension_names or ())
+            violations = list(array_violations(name, declared, dtype, dims, array.shape)) if declared else []
         if (sound := self._chunk_files[name]) < files:
             raise StoreError(f"{self.path}: of {name} {files - sound} of {files} files are missing or empty; {self.remedy}")
         if declared and declared.per_object and not violations and not of_object and array.shape[0] != len(self.record.rows):
