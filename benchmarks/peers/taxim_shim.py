@@ -1,6 +1,7 @@
 """Stand-ins of torch for what `taxim` 1.4.1 uses of torch_scatter and of torchvision, whose wheels load beside one build of torch."""
 
 import sys
+from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
 
@@ -18,8 +19,8 @@ def scatter_min(source: Tensor, index: Tensor, dim_size: int, out: Tensor) -> tu
     return out.scatter_reduce_(-1, index.expand_as(source), source, "amin"), None
 
 
-def load_taxim() -> Any:
-    """Make a `taxim.Taxim` of the GelSight it ships, on torch and the CPU."""
+def stand_in() -> None:
+    """Put the stand-ins where `import` finds them, unless they are imported already."""
     stand_ins: dict[str, dict[str, Any]] = {
         "torch_scatter": {"scatter_min": scatter_min},
         "torchvision": {},
@@ -28,8 +29,14 @@ def load_taxim() -> Any:
     }
     for name, contents in stand_ins.items():
         module = ModuleType(name)
+        module.__spec__ = ModuleSpec(name, None)  # others ask with `find_spec` whether it is there
         vars(module).update(contents)
         sys.modules.setdefault(name, module)
+
+
+def load_taxim() -> Any:
+    """Make a `taxim.Taxim` of the GelSight it ships, on torch and the CPU."""
+    stand_in()
     from taxim import Taxim
 
     return Taxim(backend="torch", device="cpu")

@@ -9,7 +9,6 @@ from typing import Annotated, Any
 import typer
 
 from pipeline.cli import options
-from pipeline.cli.failures import fail
 from pipeline.cli.options import OBJECTS, RUN
 from pipeline.config.manifest import load_manifest
 from pipeline.console import NAMED, abbreviate, console, print_lines, print_warning
@@ -62,8 +61,8 @@ def run(
     how: dict[str, Any] = {"shards": shards, "executor": processes, "strict": strict, "retry": retry, "check": check, "only": object_id}
     named["reuse"] = reuse and as_location(reuse)
     requests = [make_request(name, manifest, preset, **named, **how) for name in _in_order(stages)]
-    if reuse and not DataDirectory(reuse).is_data_directory():
-        fail(f"--reuse {reuse} is no data directory; name one that `vt-pipeline run` made")
+    if reuse:
+        DataDirectory(reuse).check_exists()
     for request in requests:
         print_lines(*([] if request.stage.inputs(request.settings) else load_manifest(manifest).remarks(objects)))
         print_lines(*request.stage.describe_objects(request.settings, request.objects))

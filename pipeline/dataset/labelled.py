@@ -12,7 +12,8 @@ from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexed
 from pipeline.errors import StoreError, unknown_name
 from pipeline.store.directory import DataDirectory
 from pipeline.store.shard import Shard
-from pipeline.store.storage import Location, as_location, zarr_store
+from pipeline.store.storage import Location, as_location
+from pipeline.store.zarr_files import zarr_store
 from schemas.catalogue import ARTIFACTS
 
 

@@ -16,7 +16,7 @@ from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, bounding_diagonal
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.directory import DataDirectory
 from pipeline.store.shard import Shard
-from pipeline.store.storage import Location, as_location, on_disk
+from pipeline.store.storage import Location, as_location
 from pipeline.store.validate import check_origins
 from schemas.base import INDEXED_DIMS, Artifact
 from schemas.catalogue import artifact_of
@@ -49,11 +49,8 @@ class UsableObjects:
         optional: Sequence[Artifact] = (),  # read if they have been made
     ) -> None:
         self.data, self.split = as_location(data), split
-        if (folder := on_disk(self.data)) and not folder.is_dir():
-            raise StoreError(
-                f"folder {self.data.resolve()} does not exist; give a data directory, which `vt-pipeline run` or `make dataset` makes"
-            )
         self.directory = DataDirectory(self.data)
+        self.directory.check_exists()
         opened = [self.directory.collection(artifact) for artifact in artifacts]
         opened += [collection for collection in map(self.directory.collection, optional) if collection.shards]
         self.collections = {collection.artifact.name: collection for collection in opened}

@@ -4,14 +4,20 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import google_crc32c
 import numpy as np
 from numcodecs import blosc
-from pydantic_zarr.v3 import ArraySpec
 
 from schemas.base import FIXED, INDEXED_DIMS, Array, Artifact
+
+if TYPE_CHECKING:  # Zarr takes a third of a second to import, and only what writes or validates needs it
+    from pydantic_zarr.v3 import ArraySpec
+
+    from pipeline.store.stored_array import StoredArray
+
+    AnyArray = ArraySpec[Any]
 
 OBJECTS_PER_FILE = 64
 """Objects whose chunks share one file: few files, yet no more than these in memory while a shard is written."""
@@ -22,8 +28,6 @@ LEVEL = 5
 SMALL_CHUNK = 16 * 1024
 """Bytes below which splitting further costs more in headers than it saves in reading."""
 
-AnyArray = ArraySpec[Any]
-
 _CHUNK_KEYS: Any = {"name": "default", "configuration": {"separator": "/"}}
 _FILL: dict[str, Any] = {"bool": False, "string": ""}
 
@@ -33,29 +37,10 @@ def numpy_dtype(array: Array) -> np.dtype[Any]:
     return np.dtype(object) if array.dtype == "string" else np.dtype(array.dtype).newbyteorder("<")
 
 
-def array_spec(array: Array, shape: tuple[int, ...]) -> AnyArray:
-    """Specify how an array of this declaration and shape is laid out on disk.
+def array_spec(array: Array, shape: tuple[int, ...]) -> "AnyArray":
+    """Specify how an array of this declaration and shape is laid out on disk."""
+    from pydantic_zarr.v3 import ArraySpec
 
-    zstd over shuffled bytes with a checksum, an object (or one grasp, viewpoint or camera of it) per chunk, up to
-    `OBJECTS_PER_FILE` objects per file, so that one of them is read without the others and a dataset is few files.
-    """
-    file_shape, chunk = chunking(array, shape)
-    little_endian = {"configuration": {"endian": "little"}}
-    one_byte = numpy_dtype(array).itemsize == 1
-    bytes_codec = {"name": "vlen-utf8"} if array.dtype == "string" else {"name": "bytes", **({} if one_byte else little_endian)}
-    stride = shuffle_stride(array)
-    shuffle = "shuffle" if stride > 1 else "noshuffle"
-    compressor = {
-        "name": "blosc",
-        "configuration": {"typesize": stride, "cname": "zstd", "clevel": LEVEL, "shuffle": shuffle, "blocksize": 0},
-    }
-    inner: tuple[Any, ...] = (bytes_codec, compressor, {"name": "crc32c"})
-    if array.per_object and array.dtype != "string":
-        index = ({"name": "bytes", **little_endian}, {"name": "crc32c"})
-        sharding = {"chunk_shape": chunk, "codecs": inner, "index_codecs": index, "index_location": "end"}
-        codecs: tuple[Any, ...] = ({"name": "sharding_indexed", "configuration": sharding},)
-    else:
-        codecs = inner
     attributes = {"units": array.units, "description": array.description}
     if array.equation:
         attributes["equation"] = array.equation
@@ -63,12 +48,37 @@ def array_spec(array: Array, shape: tuple[int, ...]) -> AnyArray:
         attributes=attributes,
         shape=shape,
         data_type=array.dtype,
-        chunk_grid={"name": "regular", "configuration": {"chunk_shape": file_shape}},
+        chunk_grid={"name": "regular", "configuration": {"chunk_shape": chunking(array, shape)[0]}},
         chunk_key_encoding=_CHUNK_KEYS,
         fill_value=_FILL.get(array.dtype, 0),
-        codecs=codecs,
+        codecs=array_codecs(array, shape),
         dimension_names=array.dims,
     )
+
+
+def array_codecs(array: Array, shape: tuple[int, ...]) -> Any:
+    """List the codecs of an array as its `zarr.json` names them.
+
+    zstd over shuffled bytes with a checksum, an object (or one grasp, viewpoint or camera of it) per chunk, up to
+    `OBJECTS_PER_FILE` objects per file, so that one of them is read without the others and a dataset is few files.
+    """
+    little_endian = {"name": "bytes", "configuration": {"endian": "little"}}
+    to_bytes = {"name": "bytes"} if numpy_dtype(array).itemsize == 1 else little_endian
+    if array.dtype == "string":
+        to_bytes = {"name": "vlen-utf8", "configuration": {}}
+    stride = shuffle_stride(array)
+    shuffle = "shuffle" if stride > 1 else "noshuffle"
+    compressor = {"typesize": stride, "cname": "zstd", "clevel": LEVEL, "shuffle": shuffle, "blocksize": 0}
+    inner = [to_bytes, {"name": "blosc", "configuration": compressor}, {"name": "crc32c"}]
+    if not array.per_object or array.dtype == "string":
+        return inner
+    sharding = {
+        "chunk_shape": [*chunking(array, shape)[1]],
+        "codecs": inner,
+        "index_codecs": [little_endian, {"name": "crc32c"}],
+        "index_location": "end",
+    }
+    return [{"name": "sharding_indexed", "configuration": sharding}]
 
 
 def chunking(array: Array, shape: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -100,7 +110,7 @@ def schema_name(path: str) -> str:
     return "/".join((parts[0], parts[-1])) if len(parts) == 3 else path
 
 
-def schema_violations(artifact: Artifact, arrays: Mapping[str, AnyArray]) -> Iterator[str]:
+def schema_violations(artifact: Artifact, arrays: "Mapping[str, AnyArray]") -> Iterator[str]:
     """List the violations of a schema by a group's arrays, given by path, one line each with array and reason."""
     for name, array in artifact.arrays.items():
         if name not in arrays and not array.optional:
@@ -111,22 +121,21 @@ def schema_violations(artifact: Artifact, arrays: Mapping[str, AnyArray]) -> Ite
         if declaration is None:
             yield f"{path}: the schema has no such array"
             continue
-        dims = tuple(stored.dimension_names or ())
-        violations = list(array_violations(path, declaration, stored.data_type, dims, stored.shape))
+        violations = list(array_violations(path, declaration, stored))
         yield from violations
         for dim, size in zip(declaration.dims, stored.shape, strict=True) if not violations and "/" not in path else ():
             if sizes.setdefault(dim, (size, path))[0] != size:
                 yield f"{path}: dimension {dim} has size {size}, but {sizes[dim][0]} in {sizes[dim][1]}"
 
 
-def array_violations(path: str, declaration: Array, dtype: object, dims: tuple[str, ...], shape: tuple[int, ...]) -> Iterator[str]:
-    """List the violations of a declaration by a stored array, one line each; `dtype` is as its `zarr.json` has it."""
-    if dtype != declaration.dtype:
-        yield f"{path}: dtype is {dtype}, the schema says {declaration.dtype}"
-    if dims != declaration.dims or len(shape) != len(declaration.dims):
-        yield f"{path}: dimensions are {dims} of {shape}, the schema says {declaration.dims}"
+def array_violations(path: str, declaration: Array, stored: "AnyArray | StoredArray") -> Iterator[str]:
+    """List the violations of a declaration by a stored array, one line each."""
+    if stored.data_type != declaration.dtype:
+        yield f"{path}: dtype is {stored.data_type}, the schema says {declaration.dtype}"
+    if tuple(stored.dimension_names or ()) != declaration.dims or len(stored.shape) != len(declaration.dims):
+        yield f"{path}: dimensions are {stored.dimension_names} of {stored.shape}, the schema says {declaration.dims}"
         return
-    for dim, size in zip(declaration.dims, shape, strict=True):
+    for dim, size in zip(declaration.dims, stored.shape, strict=True):
         if size != FIXED.get(dim, size):
             yield f"{path}: dimension {dim} has size {size}, the schema says {FIXED[dim]}"
 

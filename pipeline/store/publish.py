@@ -1,18 +1,12 @@
 """Write and publish outputs: each version of a shard or folder has a new name, and its record then names it."""
 
 import hashlib
-import math
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import zarr
-from zarr.core.buffer import default_buffer_prototype
-from zarr.core.group import GroupMetadata
-from zarr.core.metadata.v3 import ArrayV3Metadata
-from zarr.storage import LocalStore
 
 from pipeline.errors import StoreError
 from pipeline.store.atomic import move_folder, replace_version, version_of
@@ -20,24 +14,24 @@ from pipeline.store.directory import DataDirectory, versioned
 from pipeline.store.garbage import collect, mark_replaced
 from pipeline.store.layout import (
     OBJECTS_PER_FILE,
-    AnyArray,
     array_spec,
-    chunking,
     decode_array,
-    encode_chunk,
     numpy_dtype,
     schema_name,
     schema_violations,
-    with_checksum,
 )
 from pipeline.store.record import FolderRecord, Provenance, RowRecord, ShardRecord, named_location, serialise_with_checksum
 from pipeline.store.rows import Result, Row, RowFiles
 from pipeline.store.storage import Location, files_below, remove
+from pipeline.store.stored_array import write_file
 from pipeline.store.temporary import local_copy
-from schemas.base import COMMON, FIXED, Array, Artifact
+from schemas.base import COMMON, FIXED, Artifact
 
-ABSENT = (2**64 - 1, 2**64 - 1)
-"""Offset and size of a missing chunk in the index of a file: Zarr reads the fill value."""
+if TYPE_CHECKING:
+    from zarr.core.group import GroupMetadata
+    from zarr.core.metadata.v3 import ArrayV3Metadata
+
+    from pipeline.store.layout import AnyArray
 
 
 def commit_shard(
@@ -129,6 +123,11 @@ def write_group(
     At most `OBJECTS_PER_FILE` encoded rows are held at a time. Files without chunks are written too: one that is
     missing later was lost.
     """
+    import zarr
+    from zarr.core.group import GroupMetadata
+    from zarr.core.metadata.v3 import ArrayV3Metadata
+    from zarr.storage import LocalStore
+
     shapes = _group_shapes(artifact, rows, results, constants)
     specs: dict[str, AnyArray] = {}
     for name, shape in shapes.items():
@@ -152,7 +151,7 @@ def write_group(
             if name in strings:
                 strings[name] += ["" if part is None else str(decode_array(None, (), "U", part)) for part in parts]
             else:
-                _write_file(path / name / "c" / str(start // OBJECTS_PER_FILE), artifact.arrays[name], shape, parts)
+                write_file(path / name / "c" / str(start // OBJECTS_PER_FILE), artifact.arrays[name], shape, parts)
         for row, encoded in zip(rows[start:], batch, strict=False):
             for name in (name for name in encoded if "/" in name):
                 parent, leaf = name.split("/")
@@ -199,33 +198,11 @@ def _group_shapes(artifact: Artifact, rows: Sequence[RowRecord], results: Sequen
     return shapes
 
 
-def _write_metadata(folder: Path, metadata: GroupMetadata | ArrayV3Metadata) -> str:
+def _write_metadata(folder: Path, metadata: "GroupMetadata | ArrayV3Metadata") -> str:
     """Write the `zarr.json` of a group or array as Zarr writes it; return its SHA-256."""
+    from zarr.core.buffer import default_buffer_prototype
+
     folder.mkdir(parents=True, exist_ok=True)
     content = metadata.to_buffer_dict(default_buffer_prototype())["zarr.json"].to_bytes()
     (folder / "zarr.json").write_bytes(content)
     return hashlib.sha256(content).hexdigest()
-
-
-def _write_file(folder: Path, array: Array, shape: tuple[int, ...], parts: Sequence[list[bytes] | None]) -> None:
-    """Write a file of `sharding_indexed` from one part per object: its chunks, then the index of all, with its checksum.
-
-    The part of an object without a row is None, and read as zeros.
-    """
-    if not math.prod(shape):
-        return
-    file_shape, chunk = chunking(array, shape)
-    if chunk[0] > 1:  # several objects share a chunk
-        values = np.zeros(chunk, numpy_dtype(array))
-        for number, part in enumerate(parts):
-            if part is not None:
-                values[number] = decode_array(array, shape[1:], array.dtype, part)
-        chunks: list[bytes | None] = [encode_chunk(array, values)]
-    else:
-        absent = [None] * (math.prod(file_shape[1:]) // math.prod(chunk[1:]))
-        chunks = [encoded for part in (*parts, *[None] * (file_shape[0] - len(parts))) for encoded in part or absent]
-    file = folder.joinpath(*["0"] * (len(shape) - 1))
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with file.open("wb") as opened:
-        index = [ABSENT if encoded is None else (opened.tell(), opened.write(encoded)) for encoded in chunks]
-        opened.write(with_checksum(np.array(index, "<u8").tobytes()))

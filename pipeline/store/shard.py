@@ -1,24 +1,27 @@
 """Read a published shard, object by object."""
 
 import hashlib
-import math
+import json
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import zarr
 
 from pipeline.errors import OtherVersion, StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.layout import array_violations, numpy_dtype, schema_name
 from pipeline.store.record import RowRecord, ShardRecord, named_location
 from pipeline.store.rows import Row, row_digest
-from pipeline.store.storage import File, Location, exists, files_below, is_machine_fault, read_bytes, zarr_store
+from pipeline.store.storage import File, Location, exists, files_below, is_machine_fault, read_bytes
+from pipeline.store.stored_array import StoredArray
 from schemas.base import COMMON, Artifact
+
+if TYPE_CHECKING:
+    import zarr
 
 _CHUNK = re.compile(r"/c(/[0-9]+)*$")
 """The end of a chunk's path, which follows that of its array."""
@@ -32,7 +35,8 @@ class Shard:
         self.artifact = artifact
         self.record = record
         self.position = {row.object_id: position for position, row in enumerate(record.rows)}
-        self._opened: dict[str, Any] = {}
+        self._stored: dict[str, StoredArray] = {}
+        self._arrays: dict[str, Any] = {}
         if record.schema_version != artifact.version:
             raise OtherVersion(
                 f"{self.path}: schema {artifact.name} is version {artifact.version} here, the shard has {record.schema_version}; "
@@ -53,29 +57,35 @@ class Shard:
         return name in self.record.metadata
 
     @cached_property
-    def group(self) -> zarr.Group:
+    def group(self) -> "zarr.Group":
         """The opened group."""
-        self._check_metadata("")
+        import zarr
+
+        from pipeline.store.zarr_files import zarr_store
+
+        self._metadata("")
         with self.errors_as_damage("the group cannot be opened"):
             return zarr.open_group(zarr_store(self.path), mode="r")
 
     @cached_property
     def attributes(self) -> Mapping[str, Any]:
         """The group's attributes: settings, and the descriptions of hand, sensor or scene."""
-        stored = self.group.attrs.asdict()
+        content = self._metadata("")
         with self.errors_as_damage("its attributes cannot be used"):
+            stored: Mapping[str, Any] = json.loads(content)["attributes"]
             digest.of_json(stored)  # refuses what is no JSON: NaN
         return stored
 
-    def _check_metadata(self, name: str) -> None:
-        """Raise an error if a `zarr.json` has changed: Zarr and readers rely on it."""
+    def _metadata(self, name: str) -> bytes:
+        """Read a `zarr.json`; raise an error if it has changed: Zarr and readers rely on it."""
         path = self.path / name / "zarr.json"
         try:
-            sha256 = hashlib.sha256(read_bytes(path)).hexdigest()
+            content = read_bytes(path)
         except OSError as error:
             raise StoreError(f"{path} cannot be read ({error.strerror or 'there is no such file'}); {self.remedy}") from error
-        if sha256 != self.record.metadata.get(name):
+        if "/" not in name and hashlib.sha256(content).hexdigest() != self.record.metadata.get(name):
             raise StoreError(f"{path} differs from what was written; {self.remedy}")
+        return content
 
     @cached_property
     def _files(self) -> dict[str, File]:
@@ -119,43 +129,58 @@ class Shard:
         return f"`vt-pipeline run {self.record.stage} --check`, with its other options as before, makes what is damaged again"
 
     def array(self, name: str) -> Any:
-        """Open a stored array, by its path below the root.
+        """Open a stored array by Zarr; errors are those of `stored`."""
+        self.stored(name)
+        if name not in self._arrays:
+            with self.errors_as_damage(f"{name} cannot be opened"):
+                array = self.group[name]
+            if "/" in name:
+                return array  # they are too many to keep
+            self._arrays[name] = array
+        return self._arrays[name]
+
+    def stored(self, name: str) -> StoredArray:
+        """Find a stored array, by its path below the root.
 
         Refused are arrays with missing or empty files, which Zarr would read as zeros, and those that differ from the
         schema or the record: a stranger's store may be sound otherwise.
         """
-        if name in self._opened:
-            return self._opened[name]
-        of_object, declared = "/" in name, self.artifact.of(schema_name(name))
-        if not of_object:
-            self._check_metadata(name)
+        if name in self._stored:
+            return self._stored[name]
+        self.attributes  # noqa: B018 (an error where the group's own metadata have changed)
+        of_object, declared, content = "/" in name, self.artifact.of(schema_name(name)), self._metadata(name)
         with self.errors_as_damage(f"{name} cannot be opened"):
-            array: Any = self.group[name]
-            files = math.prod(math.ceil(size / part) for size, part in zip(array.shape, array.shards or array.chunks, strict=True))
-            dtype, dims = array.metadata.data_type.to_json(zarr_format=3), tuple(array.metadata.dimension_names or ())
-            violations = list(array_violations(name, declared, dtype, dims, array.shape)) if declared else []
+            array = StoredArray.open(self.path / name, content)
+            files = array.count_files()
+            violations = list(array_violations(name, declared, array)) if declared else []
         if (sound := self._chunk_files[name]) < files:
             raise StoreError(f"{self.path}: of {name} {files - sound} of {files} files are missing or empty; {self.remedy}")
         if declared and declared.per_object and not violations and not of_object and array.shape[0] != len(self.record.rows):
             violations = [f"{name}: it has {array.shape[0]} rows, the record {len(self.record.rows)}"]
         if violations:
             raise StoreError(f"{self.path}: {violations[0]}; {self.remedy}")
-        if not of_object:  # the others are too many to keep
-            self._opened[name] = array
+        if not of_object:
+            self._stored[name] = array
         return array
 
     def read(self, name: str, index: Any = ...) -> np.ndarray:
         """Read an array or a part of it, by its path below the root; raise a `StoreError` if it is lost or damaged."""
-        array, position = self.array(name), index[0] if isinstance(index, tuple) and index else index
+        array, position = self.stored(name), index[0] if isinstance(index, tuple) and index else index
+        declared = self.artifact.of(schema_name(name))
         stacked = name in self.artifact.arrays and self.artifact.arrays[name].per_object
         of_object = f" of {self.record.rows[position].object_id}" if stacked and isinstance(position, int) else ""
         with self.errors_as_damage(f"{name}{of_object} cannot be read"):
-            return np.asarray(array[index])
+            if declared and array.has_layout_of(declared):
+                if stacked and isinstance(index, int) and self.record.rows[index].failure is None:
+                    return array.read(declared, index)
+                if not stacked and index is ...:
+                    return array.read(declared)
+            return np.asarray(self.array(name)[index])
 
     def check_arrays(self) -> None:
         """Open every array at the root, with the errors of `array`."""
         for name in filter(None, self.record.metadata):
-            self.array(name)
+            self.stored(name)
 
     def is_complete(self) -> bool:
         """Check that every file of every array exists and is not empty."""
@@ -165,7 +190,7 @@ class Shard:
             self.check_arrays()
             for name in ragged:
                 if not self._chunk_files[name]:  # else it is complete: a ragged array is one file, or none where its size is 0
-                    self.array(name)
+                    self.stored(name)
         except StoreError:
             return False
         return all(file.bytes for file in self._files.values()) and all(f"{name}/zarr.json" in self._files for name in ragged)

@@ -23,10 +23,6 @@ import obstore
 from obstore.exceptions import BaseError, GenericError
 from obstore.store import ObjectStore, from_url
 from upath import UPath
-from zarr.abc.store import ByteRequest, Store
-from zarr.core.buffer import Buffer, BufferPrototype
-from zarr.storage import LocalStore, WrapperStore
-from zarr.storage import ObjectStore as ZarrObjectStore
 
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.file_content import POINTER_REMEDY, expanded, is_pointer, is_pointer_file, regular_stat
@@ -48,9 +44,6 @@ RETRY: Any = {"max_retries": 10_000, "retry_timeout": timedelta(minutes=3)}
 
 Location = Path | UPath
 """A folder or file: `pathlib.Path` on a disk, `UPath` in object storage."""
-
-ZARR_METADATA = ("zarr.json", ".zarray", ".zattrs", ".zgroup", ".zmetadata")
-"""Files that Zarr looks for and that need not be there; all others that it reads are chunks."""
 
 TEMPORARY = ".tmp"
 """Suffix of files that are being written."""
@@ -96,6 +89,13 @@ def read_bytes(path: Location) -> bytes:
     if is_pointer(content):
         raise StoreError(f"{path} is {POINTER_REMEDY}")
     return content
+
+
+def check_file(path: Path | str) -> None:
+    """Raise a `StoreError` if a file on a disk is a Git LFS pointer or not a regular one, a `FileNotFoundError` if there is none."""
+    regular_stat(path)
+    if is_pointer_file(path):
+        raise StoreError(f"{path} is {POINTER_REMEDY}")
 
 
 def exists(path: Location) -> bool:
@@ -219,36 +219,10 @@ def map_in_threads(function: Callable[[A], B], items: Sequence[A]) -> list[B]:
         return list(pool.map(function, items))
 
 
-class _Files(WrapperStore[Store]):
-    """The files of a group that Zarr reads: only regular ones are opened, and a missing chunk is an error."""
-
-    def __init__(self, store: Store) -> None:
-        super().__init__(store)
-        self._folder = str(store.root) if isinstance(store, LocalStore) else None
-
-    async def get(self, key: str, prototype: BufferPrototype, byte_range: ByteRequest | None = None) -> Buffer | None:
-        if self._folder:
-            with suppress(FileNotFoundError, NotADirectoryError):
-                path = f"{self._folder}/{key}"
-                regular_stat(path)
-                if is_pointer_file(path):
-                    raise StoreError(f"{path} is {POINTER_REMEDY}")
-        content = await self._store.get(key, prototype, byte_range)
-        if content is None and PurePosixPath(key).name not in ZARR_METADATA:
-            raise FileNotFoundError(errno.ENOENT, "the chunk is missing", key)
-        return content
-
-
-def zarr_store(path: Location) -> Store:
-    """Open a group for Zarr; a missing chunk is a `FileNotFoundError`."""
-    files = LocalStore(path, read_only=True) if isinstance(path, Path) else ZarrObjectStore(_client(str(path)), read_only=True)
-    return _Files(files)
-
-
 def bucket_of(path: Location) -> ObjectStore:
     """Return the client of the bucket of a location."""
     protocol, _, rest = str(path).partition("://")
-    return _client(f"{protocol}://{rest.partition('/')[0]}")
+    return client_of(f"{protocol}://{rest.partition('/')[0]}")
 
 
 def key_of(path: Location) -> str:
@@ -257,7 +231,7 @@ def key_of(path: Location) -> str:
 
 
 @lru_cache(maxsize=64)
-def _client(url: str) -> ObjectStore:
+def client_of(url: str) -> ObjectStore:
     """Make the client of a bucket, or of a prefix in it."""
     client: ObjectStore = from_url(url, retry_config=RETRY)
     return client

@@ -3,7 +3,6 @@
 from collections.abc import Container, Iterable, Iterator
 
 import numpy as np
-from pydantic_zarr.v3 import ArraySpec, GroupSpec
 
 from pipeline.console import abbreviate, pluralise
 from pipeline.errors import StoreError
@@ -70,6 +69,8 @@ def _record_problems(record: Location, artifact: str) -> Iterator[str]:
 
 
 def _shard_problems(shard: Shard) -> Iterator[str]:
+    from pydantic_zarr.v3 import ArraySpec, GroupSpec
+
     with shard.errors_as_damage("metadata cannot be read"):
         for name in filter(shard.has, shard.artifact.arrays):
             shard.group.get(name)  # one after the other: if two fail concurrently, asyncio prints the second traceback

@@ -16,7 +16,8 @@ from pipeline.errors import StoreError
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.directory import DataDirectory
 from pipeline.store.layout import array_spec, numpy_dtype
-from pipeline.store.storage import list_folder, zarr_store
+from pipeline.store.storage import list_folder
+from pipeline.store.zarr_files import zarr_store
 from schemas.evaluation import GROUPS, VERSION
 
 TABLES_ZARR = "tables.zarr"

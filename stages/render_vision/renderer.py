@@ -1,9 +1,10 @@
 """Off-screen rendering of meshes with pyrender and EGL, with or without a graphics card: one lamp, constant light, segmentation."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
+from functools import cache, partial
 from importlib import import_module, resources
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from pipeline.kernels.vision.camera import Camera, Vector, camera_pose
 from pipeline.kernels.vision.primitives import Primitive, mesh_primitives
 from pipeline.kernels.vision.scene import Label, Scene
 from pipeline.store.temporary import environment
+from stages.render_vision.surface import Shader, Surface
 
 PACKAGES = "libegl1 libgl1 libxrender1 libgl1-mesa-dri"  # Debian's and Ubuntu's names of what headless rendering needs
 PLATFORM = "PYOPENGL_PLATFORM"  # the environment variable that tells PyOpenGL, on import, how to find OpenGL's functions
@@ -27,8 +29,16 @@ NEAR_PLANE, FAR_PLANE = 0.05, 20.0  # m from the camera, between which surfaces 
 CLOSE_PLANE = 0.005  # m, in place of `NEAR_PLANE` where a mesh comes nearer, as to a camera at the wrist; depths are a tenth as exact
 REACH = 10.0  # m from the world's origin, within which a camera farther away draws all surfaces
 
-MeshHandle = Any
-"""A mesh that was added to a renderer: its node in pyrender's scene."""
+
+@dataclass(frozen=True, eq=False)
+class MeshHandle:
+    """A mesh that was added to a renderer."""
+
+    surfaces: list[Surface]
+    label: Label
+    bounds: Array  # (2, 3) m, of its corners in its own frame: least, greatest; infinite where it has none
+
+
 PosedMesh = tuple[MeshHandle, Array]
 """A mesh that was added to a renderer, and its pose, (4, 4) to the world frame."""
 
@@ -43,10 +53,10 @@ def shader_paths() -> list[Path]:
 
 
 class OpenGLContext:
-    """One OpenGL context with one `pyrender.Renderer` in it; `NoOpenGL` is raised if none can be made.
+    """One OpenGL context with pyrender's framebuffers and programs in it; `NoOpenGL` is raised if none can be made.
 
     pyrender's own `OffscreenRenderer` terminates the whole EGL display when it is deleted, and with it every other renderer of the process.
-    This class frees only its own context. `pyrender` is the module; it may be imported only while the platform is set.
+    This class frees only its own context. `pyrender` and `gl` are modules; they may be imported only while the platform is set.
     """
 
     def __init__(self, resolution: int) -> None:
@@ -56,55 +66,88 @@ class OpenGLContext:
                 with suppress(ImportError):  # torch's compiler first: its LLVM and Mesa's share symbols, and only its own work for it
                     import_module("triton")
                 import pyrender
-                from OpenGL import EGL
+                from OpenGL import EGL, GL
                 from pyrender.platforms.egl import EGLPlatform
+                from pyrender.shader_program import ShaderProgramCache
 
                 self._egl = EGL
                 self._platform = EGLPlatform(resolution, resolution)
                 self._platform.init_context()
                 self._platform.make_current()
-                self.pyrender = pyrender
-                self.renderer = _make_renderer(pyrender, resolution)
+                self.pyrender, self.gl = pyrender, GL
+                self._renderer = pyrender.Renderer(resolution, resolution)
+                # pyrender's own shaders take three times as long on a CPU and light one side of a face only
+                self._renderer._program_cache = ShaderProgramCache(shader_dir=str(shader_paths()[0].parent))
+                self._shader = cache(partial(Shader, GL))
         except Exception as error:  # EGL, PyOpenGL and pyrender each fail in their own way, AttributeError among them
             raise NoOpenGL(
                 f"headless OpenGL (EGL) does not start: {error!r}. On Debian or Ubuntu: apt-get install {PACKAGES}. "
                 "Only render-vision needs it."
             ) from error
 
-    def render(
-        self,
-        scene: Any,  # a `pyrender.Scene`
-        flags: int,  # pyrender's `RenderFlags`
-        shape: tuple[int, int],  # rows, columns
-        labels: dict[Any, int] | None = None,  # of each node, with the flag SEG
-    ) -> Any:
-        """Render colours, or the given labels, (R, C, 3) uint8, and depths (R, C) float32, m, 0 for the background."""
+    def upload(self, primitive: Primitive) -> Surface:
+        """Bring triangles into OpenGL's memory, and link the programs that draw them."""
+        self.make_current()
+        drawn, flags = _gl_primitive(self.pyrender, primitive), self.pyrender.RenderFlags
+        use = self.pyrender.constants.ProgramFlags.USE_MATERIAL
+        programs = [self._renderer._get_primitive_program(drawn, kind, use) for kind in (flags.NONE, flags.SEG)]
+        return Surface(self.gl, drawn, *map(self._shader, programs))
+
+    def make_current(self) -> None:
+        """Let OpenGL's functions work in this context."""
         self._platform.make_current()
-        self.renderer.viewport_height, self.renderer.viewport_width = shape
-        return self.renderer.render(scene, flags | self.pyrender.RenderFlags.OFFSCREEN, labels)
+
+    def draw(
+        self,
+        meshes: Iterable[PosedMesh],  # in this order: the first of two coincident faces shows
+        values: Mapping[str, Array32],  # of uniforms
+        background: Vector,
+        shape: tuple[int, int],  # rows, columns
+        *,
+        as_labels: bool,  # at pixels' centres, instead of colours with four samples per pixel
+    ) -> None:
+        """Draw meshes into the framebuffer that `read` reads."""
+        gl, renderer = self.gl, self._renderer
+        self.make_current()
+        renderer.viewport_height, renderer.viewport_width = shape
+        renderer._configure_forward_pass_viewport(self.pyrender.RenderFlags.OFFSCREEN)
+        gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, renderer._main_fb if as_labels else renderer._main_fb_ms)
+        gl.glEnable(gl.GL_CULL_FACE)
+        gl.glClearColor(*background, 1.0)
+        gl.glClear(gl.GL_COLOR_BUFFER_BIT | gl.GL_DEPTH_BUFFER_BIT)
+        shader = None
+        for handle, pose in meshes:
+            for surface in handle.surfaces:
+                if shader is not (wanted := surface.as_label if as_labels else surface.in_color):
+                    shader = wanted
+                    shader.use(values)
+                shader.set("M", pose.astype(np.float32))
+                shader.set("color", np.full(3, handle.label / 255, np.float32))
+                surface.draw(shader)
+        if not as_labels:
+            gl.glBindFramebuffer(gl.GL_DRAW_FRAMEBUFFER, renderer._main_fb)
+            gl.glBlitFramebuffer(*2 * (0, 0, *shape[::-1]), gl.GL_COLOR_BUFFER_BIT, gl.GL_LINEAR)
+            gl.glBindFramebuffer(gl.GL_READ_FRAMEBUFFER, renderer._main_fb)
+
+    def read_colors(self, shape: tuple[int, int]) -> NDArray[np.uint8]:  # (R, C, 4)
+        """Read what was drawn, the top row first."""
+        pixels = self.gl.glReadPixels(0, 0, *shape[::-1], self.gl.GL_RGBA, self.gl.GL_UNSIGNED_BYTE)
+        return np.frombuffer(pixels, np.uint8).reshape(*shape, 4)[::-1]
+
+    def read_depth(self, shape: tuple[int, int], near: float, far: float) -> Array32:  # (R, C) m
+        """Read the depths of what was drawn as labels; those of the background mean nothing."""
+        pixels = self.gl.glReadPixels(0, 0, *shape[::-1], self.gl.GL_DEPTH_COMPONENT, self.gl.GL_FLOAT)
+        depth = 2 * np.frombuffer(pixels, np.float32).reshape(shape)[::-1] - 1
+        return (2 * near * far) / (far + near - depth * (far - near))
 
     def close(self) -> None:
         """Free the context."""
         egl, display, context = self._egl, self._platform._egl_display, self._platform._egl_context
-        self._platform.make_current()
-        self.renderer.delete()
+        self.make_current()
+        self._renderer.delete()
         egl.eglMakeCurrent(display, egl.EGL_NO_SURFACE, egl.EGL_NO_SURFACE, egl.EGL_NO_CONTEXT)
         egl.eglDestroyContext(display, context)
         self._platform._egl_display = self._platform._egl_context = None
-
-
-def _make_renderer(pyrender: Any, resolution: int) -> Any:
-    """Make a `pyrender.Renderer` with the project's shaders that draws nodes in the order of the scene's `nodes_in_order`.
-
-    pyrender's own shaders take three times as long on a CPU and light one side of a face only. It also sorts a set of nodes by
-    distance, hence a different one of two coincident faces would win in every process.
-    """
-    from pyrender.shader_program import ShaderProgramCache
-
-    renderer = pyrender.Renderer(resolution, resolution)
-    renderer._program_cache = ShaderProgramCache(shader_dir=str(shader_paths()[0].parent))
-    renderer._sorted_mesh_nodes = lambda scene: list(scene.nodes_in_order)
-    return renderer
 
 
 @dataclass(frozen=True)
@@ -125,26 +168,25 @@ class Renderer(AbstractContextManager["Renderer"]):
 
     def __init__(self, scene: Scene, resolution: int = 256) -> None:
         self._camera, self._lamp_position = scene.camera.with_resolution(resolution), scene.lamp.position
+        self._background, lamp = scene.background, scene.lamp
+        self._light = {"ambient_light": scene.ambient, "point_lights[0].color": lamp.color, "point_lights[0].intensity": [lamp.intensity]}
         self._context = OpenGLContext(resolution)
-        self._gl = self._context.pyrender
-        self._scene = self._gl.Scene(bg_color=np.array([*scene.background, 1.0]), ambient_light=np.array(scene.ambient))
-        self._labels: dict[Any, int] = {}
-        self._camera_node = self._scene.add(_gl_camera(self._gl, self._camera))
-        self._lamp_node = self._scene.add(self._gl.PointLight(color=np.array(scene.lamp.color), intensity=scene.lamp.intensity))
 
     def __exit__(self, *_: object) -> None:
         self._context.close()
 
     def add(self, mesh: Mesh, label: Label) -> MeshHandle:
         """Add a mesh; an image shows it when `render` is given its handle."""
-        node = self._scene.add(self._gl.Mesh([_gl_primitive(self._gl, primitive) for primitive in mesh_primitives(mesh)]))
-        self._labels[node] = int(label)
-        return node
+        primitives = mesh_primitives(mesh)
+        corners = np.concatenate([np.zeros((0, 3), np.float32), *(primitive.positions for primitive in primitives)]).astype(np.float64)
+        bounds = np.stack([corners.min(axis=0, initial=np.inf), corners.max(axis=0, initial=-np.inf)])
+        return MeshHandle([self._context.upload(primitive) for primitive in primitives], label, bounds)
 
     def remove(self, handle: MeshHandle) -> None:
-        """Remove a mesh; its buffers and textures are freed when the next image is rendered."""
-        del self._labels[handle]
-        self._scene.remove_node(handle)
+        """Remove a mesh; its buffers and textures are freed."""
+        self._context.make_current()
+        for surface in handle.surfaces:
+            surface.delete()
 
     @contextmanager
     def added(self, mesh: Mesh, label: Label) -> Iterator[MeshHandle]:
@@ -163,31 +205,31 @@ class Renderer(AbstractContextManager["Renderer"]):
     ) -> RenderedImage:
         """Render only the given meshes."""
         camera = camera or self._camera
-        pose_of_camera, lamp_pose = camera_pose(camera), np.eye(4)
-        self._camera_node.camera = _gl_camera(self._gl, camera, _least_depth(meshes, pose_of_camera))
-        self._scene.set_pose(self._camera_node, pose_of_camera)
-        lamp_pose[:3, 3] = lamp or self._lamp_position
-        self._scene.set_pose(self._lamp_node, lamp_pose)
-        for node in self._labels:
-            node.mesh.is_visible = False
-        for handle, pose in meshes:
-            handle.mesh.is_visible = True
-            self._scene.set_pose(handle, pose)
-        self._scene.nodes_in_order = [handle for handle, _ in meshes]
-        rgb, _ = self._context.render(self._scene, self._gl.RenderFlags.NONE, camera.shape)
-        labels, depth = self._context.render(self._scene, self._gl.RenderFlags.SEG, camera.shape, self._labels)
-        segmentation = np.ascontiguousarray(labels[..., 0], np.uint8)
-        depth = np.where(segmentation == Label.BACKGROUND, np.float32(np.inf), depth).astype(np.float32)
-        return RenderedImage(np.ascontiguousarray(rgb, np.uint8), segmentation, depth)
+        pose, shape = camera_pose(camera), camera.shape
+        lens = _gl_camera(self._context.pyrender, camera, _least_depth(meshes, pose))
+        values = {
+            "V": np.linalg.inv(pose),
+            "P": lens.get_projection_matrix(width=shape[1], height=shape[0]),
+            "cam_pos": pose[:3, 3],
+            "point_lights[0].position": lamp or self._lamp_position,
+            **self._light,
+        }
+        uniforms = {name: np.asarray(value, np.float32) for name, value in values.items()}
+        self._context.draw(meshes, uniforms, self._background, shape, as_labels=False)
+        rgb = np.ascontiguousarray(self._context.read_colors(shape)[..., :3])
+        self._context.draw(meshes, uniforms, (0.0, 0.0, 0.0), shape, as_labels=True)
+        segmentation = np.ascontiguousarray(self._context.read_colors(shape)[..., 0])
+        depth = self._context.read_depth(shape, lens.znear, lens.zfar)
+        return RenderedImage(rgb, segmentation, np.where(segmentation == Label.BACKGROUND, np.float32(np.inf), depth))
 
 
 def _least_depth(meshes: Sequence[PosedMesh], pose_of_camera: Array) -> float:
     """Compute the least depth of the boxes around meshes, m, from a camera's pose (4, 4); +inf without meshes."""
     backwards, position, least = pose_of_camera[:3, 2], pose_of_camera[:3, 3], np.inf
     for handle, pose in meshes:
-        if not handle.mesh.primitives:
+        if not handle.surfaces:
             continue
-        low, high = handle.mesh.bounds
+        low, high = handle.bounds
         middle, half = pose[:3, :3] @ (low + high) / 2 + pose[:3, 3], np.abs(backwards @ pose[:3, :3]) @ (high - low) / 2
         least = min(least, float((position - middle) @ backwards - half))
     return least

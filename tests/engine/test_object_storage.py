@@ -214,7 +214,7 @@ def test_open_reader_of_a_collected_group_gets_a_clear_error(data):
 def test_unreachable_server_gives_an_error_with_a_remedy(data, faults, monkeypatch):
     run(request(data))
     monkeypatch.setattr(storage, "RETRY", storage.RETRY | {"max_retries": 1})
-    storage._client.cache_clear()
+    storage.client_of.cache_clear()
     plan = plan_of(request(data, settings={"samples": 9}))
     faults.fault = lambda method, path: Answer(503)
     with pytest.raises(StoreError, match=r"s3://.*/noise/0000-of-0001 cannot be written: .*503.*; check that it is reachable"):

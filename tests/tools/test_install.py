@@ -325,6 +325,10 @@ def test_additional_environments_extend_the_projects_environment(what, folder, m
     ("what", "last"),
     [
         ("tacto", f".venv-peers-tacto/bin/python {PIP} --no-deps -r benchmarks/peers/requirements-tacto.txt"),
+        (
+            "tactile-mnist",
+            f".venv-peers-tactile-mnist/bin/python {PIP} -c constraints.txt -r benchmarks/peers/requirements-tactile-mnist.txt",
+        ),
         ("hands", f".venv/bin/python {PIP} --no-deps --upgrade --target .venv-hands/hands -r benchmarks/hands/requirements.txt"),
         ("docs", f".venv/bin/python {PIP} -c constraints.txt -e .[docs]"),
     ],

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Array32, Integers, Mask
 from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products, without_slivers
-from pipeline.kernels.geometry.transforms import compose, transform_points, unit_vectors
+from pipeline.kernels.geometry.transforms import transform_points, unit_vectors
 from pipeline.kernels.hand.collision_shapes import CollisionSpheres
-from pipeline.kernels.hand.grid_loops import Grid, gaps, look_up
+from pipeline.kernels.hand.grid_loops import Grid, gaps, look_up, near_spheres, place_probes, probe_contact
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 
@@ -125,8 +125,9 @@ def build_distance_field(
     records = np.zeros((*distance.shape, 4), np.float32)
     field = DistanceField(vertices, faces, tree, low + cell / 2, cell, records, inside)
 
-    on_surface = distance[is_near][:, None] <= ON_SURFACE_CELLS * cell  # has no direction away from it: either side is right
-    away = unit_vectors(np.where(on_surface, face_cross_products(vertices[faces[face]]), centres - closest))
+    away, on_surface = centres - closest, distance[is_near] <= ON_SURFACE_CELLS * cell
+    away[on_surface] = face_cross_products(vertices[faces[face[on_surface]]])  # there is no direction away from it: either side is right
+    away = unit_vectors(away)
     sign = np.where(inside == 1, -1.0, 1.0)
     sign[is_near] = np.where(field._is_inside(closest, away, distance[is_near]), -1.0, 1.0)
     records[..., 0] = distance * sign
@@ -162,9 +163,7 @@ def gel_grid(hand: Hand, sensors: Sequence[Sensor]) -> Array:  # (S, PROBES², 3
 
 def gel_probes(hand: Hand, grid: Array, frames: Array) -> Array32:  # (3, N, S, PROBES²) m
     """Compute where the points of `gel_grid` are in postures, in the frame that their link frames (N, L, 4, 4) are given in."""
-    homogeneous = np.concatenate([grid, np.ones((*grid.shape[:2], 1))], axis=2)
-    points = compose(frames[:, [mount.link for mount in hand.sensors], :3], np.swapaxes(homogeneous, 1, 2))  # (N, S, 3, PROBES²)
-    return np.ascontiguousarray(np.moveaxis(points, 2, 0), np.float32)
+    return place_probes(np.ascontiguousarray(frames), np.array([mount.link for mount in hand.sensors]), grid)
 
 
 def gel_contact(
@@ -173,9 +172,7 @@ def gel_contact(
     pose: Array = IDENTITY,  # (4, 4) of their frame, world
 ) -> tuple[Array32, Array32]:  # (N, S) m, (N, S)
     """Measure the least distance of each gel's probes from an object, negative inside, and the share that are inside."""
-    x, y, z = probes
-    distances = field.lookup(np.stack([((row[0] * x + row[1] * y) + row[2] * z) + row[3] for row in pose[:3].astype(np.float32)]))
-    return distances.min(axis=2), (distances < 0).mean(axis=2, dtype=np.float32)
+    return probe_contact(field.grid, probes, pose.astype(np.float32))
 
 
 def finger_clearance(
@@ -195,6 +192,5 @@ def penetration_depth(field: DistanceField, spheres: CollisionSpheres, frames: A
 
 def near_gaps(field: DistanceField, spheres: CollisionSpheres, frames: Array, limit: float) -> Array:  # (K,) m
     """Measure the exact gaps between an object and spheres on link frames (L, 4, 4): all those below a limit, and some others."""
-    points = spheres.world_centres(frames)  # (B, 3)
-    candidates = np.flatnonzero(field.lookup(points.T.astype(np.float32)) - spheres.radii < limit + LOOKUP_ERROR_CELLS * field.cell)
-    return field.exact(points[candidates]) - spheres.radii[candidates]
+    points, numbers = near_spheres(field.grid, frames, spheres.centres, spheres.radii, spheres.link, limit)
+    return field.exact(points) - spheres.radii[numbers]
