@@ -197,6 +197,13 @@ def test_objects_that_left_the_manifest_or_their_split_are_named(tmp_path):
     assert "1 object no longer in the manifest (bottle-0001), whose rows are dropped; 1 object in another split" in printed
 
 
+def test_several_stages_run_in_their_order_in_one_process(tmp_path):
+    options = ["--data", str(tmp_path), "--object", "duck", "--set", "points=100", "--set", "queries=10", "--executor", "serial"]
+    for what in ("made 1 object in", "up to date, 1 object"):
+        printed = vt("run", "sample-distances", "sample-surfaces", *options)
+        assert re.findall(rf"(\S+) {tmp_path}/\S+: {what}", printed) == ["sample-surfaces", "sample-distances"]
+
+
 def test_run_of_one_object_leaves_the_others_missing(tmp_path):
     vt(*RUN, "--data", str(tmp_path), "--object", "duck", "--set", "points=100")
     assert "would make 24 of 25" in vt(*RUN, "--data", str(tmp_path), "--dry-run", "--set", "points=100")

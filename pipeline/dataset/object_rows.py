@@ -12,7 +12,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from pipeline.errors import StoreError
 from pipeline.formats.description_file import invalid_entries
-from pipeline.kernels.geometry.mesh_cleaning import bounding_diagonal
+from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, bounding_diagonal
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.directory import DataDirectory
 from pipeline.store.shard import Shard
@@ -206,6 +206,15 @@ class _Cache:
         while self._bytes > self._limit and len(self._arrays) > 1:
             self._bytes -= self._arrays.popitem(last=False)[1].nbytes
         return array
+
+
+def has_paper_sizes(data: Location) -> bool:
+    """Check whether every object was scaled to the paper's diagonal: only then can figures in metres be compared with the paper's."""
+    shard = DataDirectory(data).collection(SURFACES).first
+    if shard.attributes.get("settings", {}).get("diagonal", DIAGONAL) != DIAGONAL:
+        return False
+    rows = ObjectRows(data, ["metres_per_unit"], split=None)
+    return all(rows.read("metres_per_unit", object_id) == 0 for object_id in rows.object_ids)
 
 
 def paired_rows(first: Path, second: Path, *arrays: str) -> Iterator[tuple[str, list[np.ndarray], list[np.ndarray]]]:
