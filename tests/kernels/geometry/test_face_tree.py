@@ -19,10 +19,9 @@ def assert_as_libigl(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray
     wanted = slow_tree.squared_distance(vertices, faces, points)[0]
     np.testing.assert_allclose(np.sqrt(squared), np.sqrt(wanted), rtol=0, atol=1e-14)
     np.testing.assert_allclose(((points - nearest) ** 2).sum(axis=1), squared, rtol=1e-12, atol=1e-28)
-    one = (igl.point_mesh_squared_distance(point[None], vertices, faces[[number]])[0] for point, number in zip(points, face, strict=True))
-        igl.point_mesh_squared_distance(point[None], vertices, faces[[number]])[0] for point, number in zip(points, face, strict=True)
-    ]
-    np.testing.assert_allclose(np.sqrt(np.concatenate([np.atleast_1d(value) for value in one])), np.sqrt(squared), rtol=0, atol=1e-14)
+    for point, number, found in zip(points, face, squared, strict=True):
+        of_face = igl.point_mesh_squared_distance(point[None], vertices, faces[[number]])[0]
+        assert np.sqrt(of_face) == pytest.approx(np.sqrt(found), rel=0, abs=1e-14)
 
 
 @pytest.mark.parametrize("count", [1, 2, LEAF, LEAF + 1, 40])
