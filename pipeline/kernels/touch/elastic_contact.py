@@ -22,11 +22,11 @@ KNOTS_PER_THICKNESS = 100
 WAVES, NODES = 16.0, 400  # wave number times thickness from which a layer is a half-space to 1e-13; nodes of the quadrature
 GAUSS = (-0.5 / 3**0.5, 0.5 / 3**0.5)  # nodes of a quadrature over a cell, in cells
 MAX_CELLS = 160  # along the longer side of an image, on which contact is solved; with more pixels, several share a cell
-TOLERANCE = 1e-4  # largest gap in the contact over the deepest impression; the force errs by as much
+TOLERANCE = 1e-4  # root mean square of the gap in the contact over the deepest impression; the force errs by as much
+PEAK = 4  # largest gap, in tolerances; around the contact it is one
 MAX_STEPS = 300  # eight times the most that any of 2800 random presses into random gels has needed
 MARGIN = 2  # cells between the opposite rims of a window in `_stiffness`
 FIRST_LENGTH = 0.6  # of a step; stiffness times displacement is from 0.9 to 2, but for very thin layers
-
 
 
 @lru_cache(maxsize=8)
@@ -236,7 +236,7 @@ def _look(surface: Array32, pressed: Array32, pressure: Array32, change: Array32
     columns, in short loops: so the compiler vectorises them.
     """
     rows, cols = pressed.shape
-    zero, one = np.float32(0), np.float32(1)
+    zero, one, share = np.float32(0), np.float32(1), np.float32(1 / PEAK)
     now = np.empty(cols, np.float32)
     squares, cells, through, progress, curvature = np.zeros((5, cols), np.float32)
     for row in range(rows):
@@ -253,8 +253,8 @@ def _look(surface: Array32, pressed: Array32, pressure: Array32, change: Array32
             squares[col] += kept[col] * kept[col]
             cells[col] += one if kept[col] != zero else zero
         for col in range(cols):
-            outside = zero if force[col] > zero else -kept[col]
-            through[col] = outside if outside > through[col] else through[col]
+            worst = share * abs(kept[col]) if force[col] > zero else -kept[col]
+            through[col] = worst if worst > through[col] else through[col]
     return np.sqrt(squares.sum() / max(cells.sum(), one)), through.max(), progress.sum(), curvature.sum()
 
 
