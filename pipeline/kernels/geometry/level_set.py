@@ -15,8 +15,6 @@ Field = Callable[[Array], Floats]
 MAX_CELLS = 2**27  # most cells of a grid, which holds a gigabyte of values
 MIN_VALUE_SHARE = 1e-3  # of the largest, that values around the surface have at least: no two vertices coincide
 CELL_CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])  # libigl's
-AT_CORNERS = [tuple(slice(1, None) if end else slice(None, -1) for end in corner) for corner in CELL_CORNERS]
-"""For each of these corners, the part of a grid's values that holds that corner of every cell."""
 
 
 def level_set_mesh(
@@ -108,15 +106,19 @@ def _distances_from_coarser(shape: tuple[int, ...], step: float) -> Array:
 
 def _crossed_cells(values: Array) -> Mask:
     inside = values < 0
-    corners = np.stack([inside[at] for at in AT_CORNERS])
-    return np.asarray(corners.any(axis=0) & ~corners.all(axis=0))
+    return np.asarray(_of_corners(inside, np.logical_or) & ~_of_corners(inside, np.logical_and))
 
 
 def _mark_corners(cells: Mask) -> Mask:
-    marked = np.zeros(np.add(cells.shape, 1), bool)
-    for at in AT_CORNERS:
-        marked[at] |= cells
-    return marked
+    return _of_corners(np.pad(cells, 1), np.logical_or)  # a point is the corner of the cells around it
+
+
+def _of_corners(marks: Mask, combine: Callable[[Mask, Mask], Mask]) -> Mask:
+    """Combine the marks at the corners of each cell: (N - 1) values along each axis, of N."""
+    for axis in range(3):
+        along = np.moveaxis(marks, axis, 0)
+        marks = np.moveaxis(combine(along[:-1], along[1:]), 0, axis)
+    return marks
 
 
 def _marching_cubes(values: Array, low: Array, step: float) -> tuple[Array, NDArray[np.int64]]:
