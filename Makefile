@@ -86,6 +86,11 @@ help:  ## list the targets
 
 dataset: summary  ## make the dataset, print its statistics and draw its contact sheets
 
+# the stages of a shard of the dataset, in one process: starting takes longer than finding that all is up to date
+DATASET := sample-surfaces simulate-grasps render-vision simulate-touch
+dataset.%: setup FORCE
+	@$(BIN)/vt-pipeline run $(DATASET) $(options) --shard $(call quoted,$*)
+
 # ---- The stages: one target per stage and shard. Each is always run: vt-pipeline itself knows what is up to date.
 # tests/test_makefile.py checks that the prerequisites are the stages' inputs.
 
@@ -144,10 +149,10 @@ reproduce:  ## test the supplement's claims on 240 procedural objects, its netwo
 	$(MAKE) --no-print-directory -j$$(nproc) report SEEDS="0 1 2" $(FOUR) && \
 	echo "dataset: $$(((made - began) / 60)) min; training, evaluation and report: $$((($$(date +%s) - made) / 60)) min on $$(nproc) cores"
 
-.PRECIOUS: every-% sample-surfaces.% sample-distances.% read-renderings.% simulate-grasps.% render-vision.% simulate-touch.% simulate-presses.% fit-charts.% \
+.PRECIOUS: every-% sample-surfaces.% sample-distances.% read-renderings.% simulate-grasps.% render-vision.% simulate-touch.% simulate-presses.% fit-charts.% dataset.% \
            train-gcn.% train-implicit.% evaluate.%
 
-summary: every-render-vision every-simulate-touch  ## the statistics and contact sheets alone
+summary: every-dataset  ## the statistics and contact sheets alone
 	@$(BIN)/vt-pipeline summary $(call quoted,$(DATA))
 
 # ---- The supplement's last experiment (3.6): renderings of objects from all sides, one image each

@@ -38,7 +38,7 @@ class Row:
     title: str
     command: str
     needs: Sequence[str] = ()  # commands that run first, untimed
-    removes: str = ""  # what the command writes, removed before each run
+    removes: str = ""  # what the command writes, removed before each run, with all that begins so
     items: int = 1  # that the seconds are divided by
     prints: bool = False  # the command prints the seconds itself, without its start
 
@@ -49,9 +49,23 @@ SMALL = stage("sample-surfaces", HELD, "sample-surfaces.diagonal=0.15")
 TRAINING = "train-unet.width=2", "train-unet.epochs=1", "sample-distances.queries=6144"
 LEARN = [stage(name, LEARNED, *TRAINING) for name in ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")]
 LEARN += [stage(name, LEARNED, *TRAINING) for name in ("train-unet", "fit-charts", "sample-distances")]
-EPOCHS = 20  # of 15 items each, 25 training objects of toy
+EPOCHS = 20  # of an item for each of toy's 15 training objects
 ANY = stage("train-implicit", LEARNED, "train-implicit.configuration=implicit-any", f"train-implicit.epochs={EPOCHS}")
+NETWORKS = "none", "occluded-touch"
+MEASURED = f"evaluate.configurations=[{','.join(NETWORKS)}]"
+GCN = [stage("train-gcn", LEARNED, *TRAINING, "train-gcn.epochs=1", f"train-gcn.configuration={name}") for name in NETWORKS]
 MAKE = f"make --no-print-directory dataset DATA={TOY} WORKERS=1 VENV=venv"
+
+
+def many(count: int) -> dict[str, Row]:
+    """Measure the stages that read a whole dataset, of `count` objects of which a fifth is evaluated, with two networks."""
+    data = f"data/many-{count}"
+    evaluate = f"vt-pipeline run evaluate --manifest {data}/many.yaml --data {data} --set {MEASURED}"
+    needs = (*LEARN[:6], *GCN, f"python {ROOT / 'benchmarks' / 'many_objects.py'} {LEARNED} {count} {data}")
+    return {
+        f"evaluate-{count}": Row(f"evaluate, {count} objects", evaluate, needs, f"{data}/evaluation"),
+        f"report-{count}": Row(f"report, {count} objects", f"vt-pipeline report {data}", (*needs, evaluate), f"{data}/report"),
+    }
 
 
 def image(kind: str, rows: int, columns: int) -> str:
@@ -81,9 +95,10 @@ ROWS = {
     "gel-640": Row("membrane and shadows, one image of 480 × 640", image("membrane", 480, 640), prints=True),
     "demo": Row("demo", "vt-pipeline demo data/demo", removes="data/demo"),
     "predict": Row("predict, pretrained", f"vt-pipeline predict data/mug.ply --data {LEARNED} --object mug --grasp 0", LEARN[:6]),
-    "training": Row(
-        f"train-implicit, implicit-any, one of {EPOCHS} epochs on toy", ANY, LEARN, f"{LEARNED}/models/implicit-any", items=EPOCHS
-    ),
+    "training": Row(f"train-implicit, implicit-any, one of {EPOCHS} epochs on toy", ANY, LEARN, f"{LEARNED}/models/implicit", items=EPOCHS),
+    **many(240),
+    **many(720),
+    **many(2160),
 }
 
 
@@ -126,8 +141,8 @@ class Checkout:
     def measure(self, name: str) -> None:
         """Run a row once."""
         row = ROWS[name]
-        if row.removes:
-            shutil.rmtree(self.folder / row.removes, ignore_errors=True)
+        for path in self.folder.glob(f"{row.removes}*") if row.removes else ():  # with its record
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
         seconds, megabytes, printed = self.run(row.command)
         self.seconds.setdefault(name, []).append((float(printed) if row.prints else seconds) / row.items)
         self.megabytes.setdefault(name, []).append(megabytes)

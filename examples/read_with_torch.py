@@ -1,20 +1,19 @@
-"""Read batches of grasps from a dataset as PyTorch tensors.
+"""Read batches of grasps from a dataset as PyTorch tensors."""
 
-Usage: python examples/read_with_torch.py [DATA [SPLIT]]
-"""
-
-import sys
+import argparse
 
 from torch.utils.data import DataLoader
 
 from pipeline.dataset.grasp_dataset import GraspDataset
 
-data = sys.argv[1] if len(sys.argv) > 1 else "data/toy/draft"
-split = sys.argv[2] if len(sys.argv) > 2 else "train"
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("data", nargs="?", default="data/toy/draft", help="default: %(default)s")
+parser.add_argument("split", nargs="?", default="train", help="train, valid or test; default: %(default)s")
+given = parser.parse_args()
 
 # docs/data-format.md lists the arrays. The dataset opens only the artifacts that hold the requested ones.
-grasps = GraspDataset(data, ["tactile_image", "depth", "touch_success", "sensor_pose", "occluded", "points"], split)
-print(f"{len(grasps)} grasps of {len(grasps.rows)} objects in split {split}; failed: {grasps.failed or 'none'}")
+grasps = GraspDataset(given.data, ["tactile_image", "depth", "touch_success", "sensor_pose", "occluded", "points"], given.split)
+print(f"{len(grasps)} grasps of {len(grasps.rows)} objects in split {given.split}; failed: {grasps.failed or 'none'}")
 
 item = grasps[0]
 print(f"{item['object_id']}, grasp {item['grasp']}:")

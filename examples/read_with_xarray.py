@@ -1,13 +1,12 @@
-"""Read a dataset with xarray, as arrays with labels, units and descriptions.
+"""Read a dataset with xarray, as arrays with labels, units and descriptions."""
 
-Usage: python examples/read_with_xarray.py [DATA]
-"""
-
-import sys
+import argparse
 
 from pipeline.dataset.labelled import open_artifact
 
-data = sys.argv[1] if len(sys.argv) > 1 else "data/toy/draft"
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("data", nargs="?", default="data/toy/draft", help="default: %(default)s")
+data = parser.parse_args().data
 
 touch = open_artifact(data, "touch")  # all shards; xarray reads values on access
 grasps = open_artifact(data, "grasps")

@@ -1,9 +1,6 @@
-"""Compute tactile images in a PyBullet loop while a ball rolls over a moving sensor. `--show` opens a live window.
+"""Compute tactile images in a PyBullet loop while a ball rolls over a moving sensor."""
 
-Usage: python examples/touch_in_pybullet.py [--show] [SENSOR [STEPS]]
-"""
-
-import sys
+import argparse
 import time
 
 import numpy as np
@@ -12,9 +9,12 @@ import trimesh
 
 import vt_pipeline as vt
 
-arguments = [word for word in sys.argv[1:] if word != "--show"]
-sensor = vt.load_sensor(arguments[0] if arguments else "gel_16mm")
-steps = int(arguments[1]) if len(arguments) > 1 else 480
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("sensor", nargs="?", default="gel_16mm", help="name or file of a sensor; default: %(default)s")
+parser.add_argument("steps", nargs="?", default=480, type=int, help="of the simulation; default: %(default)s")
+parser.add_argument("--show", action="store_true", help="open a live window")
+given = parser.parse_args()
+sensor = vt.load_sensor(given.sensor)
 mesh = trimesh.creation.icosphere(subdivisions=4, radius=0.01)
 ball = vt.load_object((mesh.vertices, mesh.faces))  # or the path of a mesh file
 
@@ -25,7 +25,7 @@ body = pybullet.createMultiBody(0.01, pybullet.createCollisionShape(pybullet.GEO
 pybullet.resetBaseVelocity(body, linearVelocity=[0.008, 0, 0])
 
 felt, spent, window = 0, 0.0, None
-for step in range(steps):
+for step in range(given.steps):
     pybullet.stepSimulation()
     position, quaternion = pybullet.getBasePositionAndOrientation(body)
     ball_pose = np.eye(4)
@@ -36,12 +36,12 @@ for step in range(steps):
     touch = vt.touch(ball, sensor, sensor_pose, object_pose=ball_pose)
     spent += (time.perf_counter() - began) * (step > 0)  # skip the first call, which compiles
     felt += touch.success
-    if "--show" in sys.argv:
+    if given.show:
         import matplotlib.pyplot as plt
 
         window = window or plt.imshow(touch.image)
         window.set_data(touch.image)
         plt.pause(0.001)
 pybullet.disconnect()
-rate = f"{(steps - 1) / spent:.0f} tactile images per second of one core"
-print(f"{steps} steps, {felt} of them touch; {rate}; last contact {1e6 * touch.contact_area:.1f} mm²")
+rate = f"{(given.steps - 1) / spent:.0f} tactile images per second of one core"
+print(f"{given.steps} steps, {felt} of them touch; {rate}; last contact {1e6 * touch.contact_area:.1f} mm²")

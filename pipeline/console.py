@@ -67,6 +67,11 @@ def pluralise(number: int, what: str = "object") -> str:
     return f"{number} {what}{'' if number == 1 else 'es' if what.endswith(('s', 'ch')) else 's'}"
 
 
+def duration(seconds: float) -> str:
+    """Write a time: 40 s, 3.5 min, 2.1 h."""
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.1f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
+
+
 def abbreviate(names: Sequence[str]) -> str:
     """List the first `NAMED` names."""
     return ", ".join(names[:NAMED]) + (", …" if len(names) > NAMED else "")

@@ -1,6 +1,7 @@
 """Folders that dataset stages fill, beside the artifacts: their paths, and the command that makes each."""
 
 import re
+import shlex
 
 TREES = ("models", "sweeps", "scores")
 """Folders that hold records of folders, at any depth."""
@@ -12,8 +13,8 @@ _MODEL = re.compile(r"models/(?:seed-(\d+)/)?([^/]+)(?:/([^/]+))?")
 """Training seed, family and network of a model's folder."""
 
 
-def maker_of(folder: str) -> str:
-    """Name what makes a folder: `models/seed-1/gcn/touch` comes from `train-gcn` with its network and seed.
+def maker_of(folder: str, data: object) -> str:
+    """Name what makes a folder of a data directory: `models/seed-1/gcn/touch` comes from `train-gcn` with its network and seed.
 
     It repeats what trainings declare, because a folder that has not been made has no record, and readers cannot import stages.
     """
@@ -24,4 +25,4 @@ def maker_of(folder: str) -> str:
     seed, family, network = match.groups()
     stage = f"train-{family}"
     options = [f" --set {stage}.{what}={value}" for what, value in (("configuration", network), ("training_seed", seed)) if value]
-    return f"`vt-pipeline run {stage}{''.join(options)}`"
+    return f"`vt-pipeline run {stage} --data {shlex.quote(str(data))}{''.join(options)}`"

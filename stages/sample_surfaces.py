@@ -52,7 +52,7 @@ class SampleSurfaces(ObjectStage):
         sized = [item.object_id for item in files if item.source.get("metres_per_unit") is not None]
         if unitless := len(files) - len(sized):
             size = f"{settings.diagonal:g} m; --units mm (make: UNITS=mm), or another unit, keeps real sizes"
-            yield f"{pluralise(unitless)} scaled to a diagonal of {size}"
+            yield f"{pluralise(unitless)} without a unit, scaled to a diagonal of {size}"
             if sized:
                 yield (
                     f"warning: sizes are mixed: {pluralise(len(sized))} ({abbreviate(sized)}) not scaled, because files or manifest state "

@@ -92,8 +92,12 @@ def test_up_to_date_run_imports_neither_executor_nor_torch(tmp_path):
         ([*RUN, "--set", "fly.points=5"], "unknown stage fly"),
         ([*RUN, "--data", "nonexistent", "--shards", "2", "--shard", "2"], "shards are numbered 0 to 1"),
         ([*RUN, "--object", "nobody"], "has no object nobody"),
-        (["run", "simulate-touch", "--data", "nonexistent"], "vt-pipeline run sample-surfaces"),
+        (["run", "simulate-touch", "--data", "nonexistent"], "vt-pipeline run sample-surfaces --data nonexistent"),
         (["status", "/nonexistent"], "is not a data directory"),
+        (["summary", "/nonexistent"], "error: /nonexistent is not a data directory; make one with"),
+        (["statsu"], "unknown command statsu, did you mean status?"),
+        (["check", "data_manifests"], "run `vt-pipeline check directory --objects data_manifests`"),
+        (["advise", "--manifest", "directory", "--objects", "a/mugs", "--error", "5%"], "--data data/directory-mugs/draft --preset draft"),
         (["status", "~nosuchuser/data"], "is not a data directory"),
         ([*RUN, "--manifest", "directory", "--objects", "~nosuchuser/meshes", "--data", "nonexistent"], "is no folder"),
         (["check", "~nosuchuser/hand.yaml"], "~nosuchuser/hand.yaml does not exist"),
@@ -108,7 +112,7 @@ def test_up_to_date_run_imports_neither_executor_nor_torch(tmp_path):
         (["sweep", "train-gcn", "--grid", "train-gcn.epochs=1,2"], "and without its stage: SETTING=VALUE,VALUE"),
         (["tradeoff", "train-unet", "--until", "evaluate"], "--until evaluate measures whole pipelines; leave train-unet out"),
         (["status", "pyproject.toml"], "pyproject.toml is not a data directory; make one with `vt-pipeline run`, or name another"),
-        (["summary", "pyproject.toml"], "pyproject.toml is a file, or below one; give a data directory"),
+        (["summary", "pyproject.toml"], "pyproject.toml is not a data directory; make one with"),
         (["predict", "a.ply", "--grasp", "3"], "--grasp is of a data directory: name --data and --object"),
         (["predict", "a.ply", "--observation", "a.yaml", "--view", "3"], "--view is of a data directory"),
         ([*RUN, "--set", "evaluate.configurations=touch"], "configurations: it must be a list, [VALUE, …]"),
@@ -193,6 +197,13 @@ def test_objects_that_left_the_manifest_or_their_split_are_named(tmp_path):
     assert "1 object no longer in the manifest (bottle-0001), whose rows are dropped; 1 object in another split" in printed
 
 
+def test_several_stages_run_in_their_order_in_one_process(tmp_path):
+    options = ["--data", str(tmp_path), "--object", "duck", "--set", "points=100", "--set", "queries=10", "--executor", "serial"]
+    for what in ("made 1 object in", "up to date, 1 object"):
+        printed = vt("run", "sample-distances", "sample-surfaces", *options)
+        assert re.findall(rf"(\S+) {tmp_path}/\S+: {what}", printed) == ["sample-surfaces", "sample-distances"]
+
+
 def test_run_of_one_object_leaves_the_others_missing(tmp_path):
     vt(*RUN, "--data", str(tmp_path), "--object", "duck", "--set", "points=100")
     assert "would make 24 of 25" in vt(*RUN, "--data", str(tmp_path), "--dry-run", "--set", "points=100")
@@ -203,7 +214,7 @@ def test_run_of_one_object_leaves_the_others_missing(tmp_path):
 
 def test_report_of_a_missing_folder_names_it(tmp_path):
     output = vt("report", str(tmp_path / "nowhere"), fails=True)
-    assert output.startswith(f"error: folder {tmp_path}/nowhere does not exist"), output
+    assert output.startswith(f"error: {tmp_path}/nowhere is not a data directory; make one with"), output
 
 
 def test_recipe_of_an_incomplete_dataset_names_the_missing_shard(tmp_path):

@@ -111,7 +111,7 @@ def test_pointers_among_objects_cause_no_other_warning(tmp_path: Path) -> None:
     sources.append({"file": str(tmp_path / "c.stl"), "metres_per_unit": None})
     objects = [Object(Path(source["file"]).stem, "object", source) for source in sources]
     (line,) = SampleSurfaces().describe_objects(SurfaceSettings(), objects)
-    assert line.startswith("1 object scaled")
+    assert line.startswith("1 object without a unit, scaled")
 
 
 @pytest.mark.parametrize("encoding", MARKED)

@@ -191,7 +191,7 @@ TITLES = {
     "Lights": "`lights`",
     "Calibration": "`calibrated`",
     "Shadow": "`shadows`",
-    "NamedCamera": "`cameras`",
+    "Camera": "`cameras`",
     "Lamp": "`lamp`",
     "Splits": "`splits`",
     "Directory": "`kind: directory`",

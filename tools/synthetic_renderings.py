@@ -95,7 +95,7 @@ def camera_of(mesh: Mesh, viewpoint: Viewpoint) -> Camera:
     towards = np.array([np.cos(azimuth) * np.cos(elevation), -np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
     x, y, z = (POSITION + bounding_diagonal(mesh.vertices) * FARTHEST * viewpoint.distance * towards).tolist()
     focal, middle = FOCAL / SENSOR * PIXELS, PIXELS / 2
-    camera = Camera(position=(x, y, z), rotation=(0, 0, 0), focal=(focal, focal), centre=(middle, middle), resolution=PIXELS)
+    camera = Camera(name="camera", position=(x, y, z), rotation=(0, 0, 0), focal=(focal, focal), centre=(middle, middle), resolution=PIXELS)
     return look_at(camera, (x, y, z), tuple(POSITION.tolist()))
 
 

@@ -76,7 +76,7 @@ def touch(renderer: Any, shader: Any, size: Any, poses: Any) -> Any:
 def points(depths: Any, poses: Any, surface: Any) -> Any:
     """Compute (N, 3) world points, m, of the pixels in contact; rays are parallel, a sensor looks along its -z."""
     rows, cols = depths.shape[1:]
-    x = ((np.arange(cols) + 0.5) / cols - 0.5) * surface[0]
+    x = ((np.arange(cols) + 0.5) / cols - 0.5) * surface[1] * cols / rows  # pyrender makes pixels square: findings/ tells more
     y = (0.5 - (np.arange(rows) + 0.5) / rows) * surface[1]
     number, row, col = np.nonzero(depths < 0.00425 - TOUCHING)
     local = np.stack([x[col], y[row], -depths[number, row, col].astype(np.float64), np.ones(len(row))], axis=1)

@@ -1,5 +1,6 @@
 """Checks of description files: what a sensor or scene file describes, as lines and as a picture; hands and manifests are beside."""
 
+import shlex
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,7 +24,7 @@ from pipeline.kernels.touch.depth_maps import gel_surface, normal_force, press_g
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.kernels.vision.camera import camera_pose, project_points, projection_matrix
-from pipeline.kernels.vision.scene import NamedCamera
+from pipeline.kernels.vision.scene import Camera
 
 ENTRIES: dict[Kind, set[str]] = {
     "sensor": {"w", "rows", "cols"},
@@ -80,6 +81,8 @@ def _path_of(name: str) -> Path:
     path = description_path(shipped[name], name) if name in shipped else expanded(name)
     if not path.exists():
         raise InvalidInput(f"{path} does not exist; shipped files are {', '.join(sorted(shipped))}")
+    if path.is_dir():
+        raise InvalidInput(f"{path} is a folder; to check its meshes, run `vt-pipeline check directory --objects {shlex.quote(name)}`")
     return path
 
 
@@ -120,7 +123,7 @@ def check_scene(path: Path, picture: Path) -> list[str]:
     ]
 
 
-def _camera_line(camera: NamedCamera) -> str:
+def _camera_line(camera: Camera) -> str:
     rows, columns = camera.shape
     corners = POSITION + SIZE / 2 / np.sqrt(3) * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
     pixels = project_points(projection_matrix(camera), np.concatenate([POSITION[None], corners]))

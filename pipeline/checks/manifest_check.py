@@ -110,7 +110,7 @@ def check_manifest(
         except (InvalidInput, OSError) as error:
             faults.append(f"fault: {item.object_id}: {error}")
     checked.sort(key=lambda item: (item.diagonal, item.in_file, item.name))
-    sources = {item.object_id: item.source for item in objects}
+    sources, usable = {item.object_id: item.source for item in objects}, {item.name for item in checked}
     _draw(objects, {f"{item.name}\n{item.size(2)} m": sources[item.name] for item in spread_evenly(checked, DRAWN)}, picture)
     verdict = f"{len(faults)} of them cannot be used" if faults else "no faults"
     return [
@@ -122,7 +122,7 @@ def check_manifest(
         *_first([doubt for item in checked if (doubt := item.doubt)]),
         *unread_remarks(unread := {item.name: item.unread for item in checked if item.unread}),
         *_first([f"warning: in {name}: {abbreviate(reasons)}" for name, reasons in [*unread.items()][1:]]),
-        *SampleSurfaces().describe_objects(SurfaceSettings(), objects),
+        *SampleSurfaces().describe_objects(SurfaceSettings(), [item for item in objects if item.object_id in usable]),
         *_first(list(_same_files(objects))),
         *_scaled_sizes(sorted(item.in_file for item in checked if item.unit == SCALED)),
         f"picture: {picture}",
@@ -185,9 +185,9 @@ def _scaled_sizes(sizes: Sequence[float]) -> Iterator[str]:  # in increasing ord
     """Yield the sizes in their files of objects without a unit, and the likely units."""
     if sizes:
         middle = sizes[len(sizes) // 2]
-        likely = " or ".join(f"{middle * METRES[unit]:.2g} m ({unit})" for unit in _likely_units(middle))
-        guess = f"; half of them are at most {likely} large" if likely else ""
-        yield f"in their files, diagonals are between {sizes[0]:.3g} and {sizes[-1]:.3g}{guess}"
+        likely = " or ".join(f"{middle * METRES[unit]:.2g} m if the unit is {unit}" for unit in _likely_units(middle))
+        guess = f", half of them at most {middle:.3g}: {likely}" if likely else ""
+        yield f"their files state diagonals from {sizes[0]:.3g} to {sizes[-1]:.3g} without a unit{guess}"
 
 
 def _same_files(objects: Sequence[Object]) -> Iterator[str]:

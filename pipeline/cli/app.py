@@ -10,7 +10,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from pipeline import plugins
 from pipeline.cli.failures import report_failures
-from pipeline.errors import PipelineError
+from pipeline.errors import PipelineError, unknown_name
 
 PANELS = {
     "Make": {"run": "run", "submit": "run", "remake": "share", "tradeoff": "tradeoff", "advise": "tradeoff"},
@@ -42,7 +42,7 @@ class Commands(TyperGroup):
         for entry in plugins.declared("commands"):
             if entry.name == name:
                 return _command(name, EXTENSIONS, plugins.load(entry, PipelineError))
-        return None
+        return None if context.resilient_parsing else context.fail(unknown_name("command", name, self.list_commands(context)))
 
 
 def _command(name: str, panel: str, function: Callable[..., None]) -> TyperCommand:

@@ -107,10 +107,11 @@ def summary(
     from pipeline.tables.touch_tables import read_touches, touch_tables
 
     directory = as_location(data)
+    DataDirectory(directory).check_exists()
+    touches = read_touches(directory)
     print_lines(directory.resolve())
-    show_tables(touch_tables(read_touches(directory)))
-    missing = [name for name in SHOWN if not DataDirectory(directory).collection(ARTIFACTS[name]).shards]
-    if missing:
+    show_tables(touch_tables(touches))
+    if missing := [name for name in SHOWN if not DataDirectory(directory).collection(ARTIFACTS[name]).shards]:
         print_lines(f"no contact sheets: {' and '.join(missing)} {'have' if len(missing) > 1 else 'has'} not been made")
     else:
         print_lines(*(f"contact sheet: {path}" for path in contact_sheets(directory, most)))
@@ -155,8 +156,7 @@ def collect_garbage(
     from pipeline.store.garbage import collect_everything, links
 
     directory = DataDirectory(data)
-    if not directory.is_data_directory():
-        fail(f"{data} is not a data directory: it has no dataset.json, and no record")
+    directory.check_exists()
     removed = collect_everything(directory, 60 * older_than)
     print_lines(*(f"removed {path}" for path in removed))
     for link in links(directory):

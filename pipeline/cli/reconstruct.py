@@ -175,8 +175,9 @@ def read_touch(
             write_reading(reading, out, name)
         count += 1
     speeds = [count / max(seconds, 1e-9) for seconds in (time.perf_counter() - began, reading_seconds)]
-    print_lines(f"{pluralise(count, 'photograph')}, {speeds[0]:.1f} per second; reading alone {speeds[1]:.1f}")
-    if out is not None:
+    if count:
+        print_lines(f"{pluralise(count, 'photograph')}, {speeds[0]:.1f} per second; reading alone {speeds[1]:.1f}")
+    if count and out is not None:
         print_lines(f"{out}: NAME-depth.png (0.1 µm per level), NAME-contact.png, NAME-normals.png, NAME.ply, touches.zarr")
     if failed:
         more = f"\nand {len(failed) - NAMED} more" if len(failed) > NAMED else ""

@@ -2,13 +2,13 @@
 
 import re
 import shlex
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from pipeline.cli import options
-from pipeline.cli.failures import fail
 from pipeline.cli.options import OBJECTS, RUN
 from pipeline.config.manifest import load_manifest
 from pipeline.console import NAMED, abbreviate, console, print_lines, print_warning
@@ -22,7 +22,7 @@ complete_stage = options.complete(lambda: STAGES)
 
 
 def run(
-    stage: Annotated[str, typer.Argument(help=f"One of {', '.join(STAGES)}.", autocompletion=complete_stage)],
+    stages: Annotated[list[str], typer.Argument(help=f"One or more of {', '.join(STAGES)}.", autocompletion=complete_stage)],
     manifest: options.ManifestOption = "toy",
     preset: options.PresetOption = "draft",
     data: options.DataOption = None,
@@ -51,20 +51,29 @@ def run(
     ] = None,
     dry_run: Annotated[bool, typer.Option(help="Print what a run would do, and do nothing.", rich_help_panel=RUN)] = False,
 ) -> None:
-    """Run one stage.
+    """Run stages.
 
-    Objects that are up to date are left alone; a run that was killed continues where it stopped.
+    Each begins when those before it are finished. Objects that are up to date are left alone; a run that was killed continues where it
+    stopped.
     """
     processes = options.make_executor(executor, workers, scheduler)
     named: dict[str, Any] = {"data": data, "objects": objects, "assignments": assignments or (), "seed": seed, "units": units, "up": up}
     how: dict[str, Any] = {"shards": shards, "executor": processes, "strict": strict, "retry": retry, "check": check, "only": object_id}
-    request = make_request(stage, manifest, preset, **named, **how, reuse=reuse and as_location(reuse))
-    if reuse and not DataDirectory(reuse).is_data_directory():
-        fail(f"--reuse {reuse} is no data directory; name one that `vt-pipeline run` made")
-    print_lines(*([] if request.stage.inputs(request.settings) else load_manifest(manifest).remarks(objects)))
-    print_lines(*request.stage.describe_objects(request.settings, request.objects))
-    with processes:
-        make(request, console, shard, dry_run=dry_run, report=print_made)
+    named["reuse"] = reuse and as_location(reuse)
+    requests = [make_request(name, manifest, preset, **named, **how) for name in _in_order(stages)]
+    if reuse:
+        DataDirectory(reuse).check_exists()
+    for request in requests:
+        print_lines(*([] if request.stage.inputs(request.settings) else load_manifest(manifest).remarks(objects)))
+        print_lines(*request.stage.describe_objects(request.settings, request.objects))
+        with processes:  # which end with a stage, and with them the libraries that it loaded
+            make(request, console, shard, dry_run=dry_run, report=print_made)
+
+
+def _in_order(stages: Iterable[str]) -> list[str]:
+    """Sort stages so that each follows those that it may read; unknown ones come first, to be refused."""
+    order = {name: number for number, name in enumerate(STAGES)}
+    return sorted(dict.fromkeys(stages), key=lambda name: order.get(name, -1))
 
 
 def print_made(made: Made) -> None:
@@ -107,8 +116,7 @@ def submit(
     from pipeline.cluster.slurm_jobs import Submission, load_cluster, plan_jobs, script_of
 
     named: dict[str, Any] = {"data": data, "objects": objects, "assignments": assignments or (), "seed": seed, "units": units, "up": up}
-    ordered = sorted(stages, key=lambda name: list(STAGES).index(name) if name in STAGES else -1)
-    requests = [make_request(name, manifest, preset, **named) for name in dict.fromkeys(ordered)]
+    requests = [make_request(name, manifest, preset, **named) for name in _in_order(stages)]
     where = requests[0].data
     stated = {"manifest": manifest, "preset": preset, "data": where, "objects": objects, "units": units, "up": up, "seed": seed}
     arguments = [part for option, value in stated.items() if value is not None for part in (f"--{option}", str(value))]

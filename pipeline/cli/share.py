@@ -17,15 +17,12 @@ from pipeline.cli.failures import fail
 from pipeline.cli.run import print_made
 from pipeline.console import abbreviate, console, pluralise, print_lines
 from pipeline.engine.make import make
-from pipeline.formats.file_content import MESH_SUFFIXES, expanded
+from pipeline.formats.file_content import expanded
 from pipeline.recipes.dataset_recipe import Comparison, compare, recipe_of
 from pipeline.recipes.recipe import read_recipe
 from pipeline.store.atomic import UNFINISHED, atomic_writes
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location, list_folder, on_disk
-
-MESHES = set(MESH_SUFFIXES) - {".glb"}
-"""Suffixes of mesh formats that are not written: a folder with such a name would be a mistake."""
 
 
 def recipe(
@@ -131,14 +128,14 @@ def export(
     The formats are LeRobot v3, Hugging Face parquet, WebDataset shards and glTF scenes, all lossless; and grasps for robots: arrays in each
     object's own frame, or the files of DexGraspBench.
     """
-    if out.suffix.lower() in MESHES:
-        fail(f"{out}: scenes are written as glTF; name a folder, or of one object (--object) a .glb file")
     write = plugins.find("exports", to)
     chosen = list(dict.fromkeys(objects or []))
     given = {name: value for name, value in {"objects": chosen, "about": about}.items() if value}
     if refused := sorted(given.keys() - signature(write).parameters.keys()):
         fail(f"--{refused[0].removesuffix('s')} is no option of --to {to}; leave it out")
     one_file, existing = out.suffix.lower() == ".glb", list_folder(out)
+    if not one_file and not out.is_dir() and any(map(str.isalpha, out.suffix)):
+        fail(f"{out} is named like a {out.suffix} file, which no export writes; name a folder, or of one scene (--object) a .glb file")
     if one_file and len(chosen) != 1:
         fail(f"{out} is one file: name one object with --object, or a folder")
     if (out.is_file() and not one_file) or (existing and UNFINISHED not in existing):  # an export that was killed is begun again

@@ -20,7 +20,7 @@ from pipeline.cli.options import RUN
 from pipeline.cli.run import complete_stage, print_made
 from pipeline.config.manifest import load_manifest
 from pipeline.config.settings import Settings
-from pipeline.console import console, pluralise, print_lines, print_warning, show_tables
+from pipeline.console import console, duration, pluralise, print_lines, print_warning, show_tables
 from pipeline.engine.make import make
 from pipeline.errors import StageError, unknown_name
 from pipeline.store.directory import DataDirectory
@@ -74,7 +74,7 @@ def tradeoff(
     else:
         cost = partial(foreseen, stage_names, limit=LONGEST * seconds)
         setup = setup.affordable(seconds, cost)
-        about = f"about {max(cost(setup) / 60, 0.1):.1f} min on {pluralise(len(setup.objects))}"
+        about = f"about {duration(cost(setup))} on {pluralise(len(setup.objects))}"
         print_lines(f"{', '.join(stage_names)}: {about}, less what is measured already")
         for stage in stage_names:
             if skipped := forecast(stage, setup, LONGEST * seconds)[1]:
@@ -101,12 +101,15 @@ def advise(
     manifest: options.ManifestOption = "toy",
     preset: options.PresetOption = "draft",
     data: options.DataOption = None,
+    objects: options.ObjectsOption = None,
+    units: options.UnitsOption = None,
+    up: options.UpOption = None,
     assignments: options.SetOption = None,
     within: Annotated[str | None, typer.Option(help="Time for all stages, as 90s, 10min, 3h or 2d.")] = None,
     error: Annotated[
         str | None, typer.Option(help="Limit on every error of the kind, as 0.1mm or 5%, or on one stage's: train-gcn=12.")
     ] = None,
-    objects: Annotated[int | None, typer.Option(min=1, help="How many objects; by default those of the sample.")] = None,
+    count: Annotated[int | None, typer.Option(min=1, help="How many objects; by default those of the sample.")] = None,
     cores: Annotated[int | None, typer.Option(min=1, help="How many cores; by default this machine's.")] = None,
 ) -> None:
     """Advise settings for a time or for an error.
@@ -120,14 +123,14 @@ def advise(
 
     if (within is None) == (error is None):
         fail("give either --within or --error")
-    where = on_disk(as_location(default_location(manifest, None) / preset if data is None else data))
+    where = on_disk(as_location(default_location(manifest, objects) / preset if data is None else data))
     if where is None:
         fail(f"--data {data}: give the folder that `vt-pipeline tradeoff` measured into")
     limit = None if error is None else parse_limit(error)  # before anything else, so that a mistake in it is reported first
     seconds = 0.0 if within is None else parse_duration(within)
-    described = load_manifest(manifest)
+    described = load_manifest(manifest).with_units(units, up)
     trades = current_trades(Setup(where, described.name, (), described.seed, preset, tuple(assignments or ())))
-    workload = Workload(objects or len(trades[0].objects), cores or len(os.sched_getaffinity(0)))
+    workload = Workload(count or len(trades[0].objects), cores or len(os.sched_getaffinity(0)))
     choices = within_time(trades, workload, seconds) if limit is None else within_error(trades, workload, limit)
     show_tables([choice_table(choices, workload)])
     counts = [len(trade.objects) for trade in trades]
@@ -136,13 +139,9 @@ def advise(
     changed = [*(assignments or ()), *(line for choice in choices for line in choice.assignments())]
     print_lines(
         f"measured on {measured_on}, {', '.join(sorted({trade.machine for trade in trades}))}",
-        f"{work}: {_duration(sum(choice.seconds for choice in choices))}, and seconds to start each stage, with these settings:",
+        f"{work}: {duration(sum(choice.seconds for choice in choices))}, and seconds to start each stage, with these settings:",
         f"  --preset {preset}" + "".join(f" --set {shlex.quote(line)}" for line in changed),
     )
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.1f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
 def sweep(
@@ -152,6 +151,8 @@ def sweep(
     preset: options.PresetOption = "draft",
     data: options.DataOption = None,
     objects: options.ObjectsOption = None,
+    units: options.UnitsOption = None,
+    up: options.UpOption = None,
     assignments: options.SetOption = None,
     seed: options.SeedOption = None,
     dry_run: Annotated[bool, typer.Option(help="List the points, and do nothing.")] = False,
@@ -160,7 +161,8 @@ def sweep(
 
     By default the grid is the supplement's (2.2 and 3.4). A sweep that was killed continues when it is run again.
     """
-    request = make_request(stage, manifest, preset, data=data, objects=objects, assignments=assignments or (), seed=seed)
+    named: dict[str, Any] = {"data": data, "objects": objects, "assignments": assignments or (), "seed": seed, "units": units, "up": up}
+    request = make_request(stage, manifest, preset, **named)
     loaded = request.stage
     if not loaded.trains:
         trainings = [name for name in STAGES if load_stage(name).trains]

@@ -206,7 +206,7 @@ def load_manifest(name_or_path: str) -> Manifest:
     A relative `path` of a file's source counts from the file's folder, of a built-in manifest from where the command runs.
     """
     file = description_path("manifest", name_or_path)
-    manifest = read_description("manifest", file, Manifest)
+    manifest = read_description("manifest", file, Manifest, *MESH_SOURCES.values())
     if str(name_or_path) in shipped_files("manifest"):
         return manifest
     return manifest._with(FolderSource, lambda source: {"path": source.path and file.parent / expanded(source.path)})

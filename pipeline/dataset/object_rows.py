@@ -12,11 +12,11 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from pipeline.errors import StoreError
 from pipeline.formats.description_file import invalid_entries
-from pipeline.kernels.geometry.mesh_cleaning import bounding_diagonal
+from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, bounding_diagonal
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.directory import DataDirectory
 from pipeline.store.shard import Shard
-from pipeline.store.storage import Location, as_location, on_disk
+from pipeline.store.storage import Location, as_location
 from pipeline.store.validate import check_origins
 from schemas.base import INDEXED_DIMS, Artifact
 from schemas.catalogue import artifact_of
@@ -49,11 +49,8 @@ class UsableObjects:
         optional: Sequence[Artifact] = (),  # read if they have been made
     ) -> None:
         self.data, self.split = as_location(data), split
-        if (folder := on_disk(self.data)) and not folder.is_dir():
-            raise StoreError(
-                f"folder {self.data.resolve()} does not exist; give a data directory, which `vt-pipeline run` or `make dataset` makes"
-            )
         self.directory = DataDirectory(self.data)
+        self.directory.check_exists()
         opened = [self.directory.collection(artifact) for artifact in artifacts]
         opened += [collection for collection in map(self.directory.collection, optional) if collection.shards]
         self.collections = {collection.artifact.name: collection for collection in opened}
@@ -209,6 +206,15 @@ class _Cache:
         while self._bytes > self._limit and len(self._arrays) > 1:
             self._bytes -= self._arrays.popitem(last=False)[1].nbytes
         return array
+
+
+def has_paper_sizes(data: Location) -> bool:
+    """Check whether every object was scaled to the paper's diagonal: only then can figures in metres be compared with the paper's."""
+    shard = DataDirectory(data).collection(SURFACES).first
+    if shard.attributes.get("settings", {}).get("diagonal", DIAGONAL) != DIAGONAL:
+        return False
+    rows = ObjectRows(data, ["metres_per_unit"], split=None)
+    return all(rows.read("metres_per_unit", object_id) == 0 for object_id in rows.object_ids)
 
 
 def paired_rows(first: Path, second: Path, *arrays: str) -> Iterator[tuple[str, list[np.ndarray], list[np.ndarray]]]:

@@ -1,9 +1,7 @@
 """Colours of fingers, charts and depth maps; glTF's linear colours and upright axis."""
 
-import matplotlib
 import numpy as np
 from numpy.typing import NDArray
-from trimesh.visual.color import srgb_to_linear
 
 from pipeline.kernels.touch.depth_maps import in_gel
 from pipeline.kernels.touch.sensor import Sensor
@@ -32,6 +30,8 @@ def depth_colors(
     sensor: Sensor,
 ) -> NDArray[np.uint8]:  # (rows, cols, 3)
     """Colour a depth map: viridis in the gel (bright is deep), greys from there to the range, white where nothing is met."""
+    import matplotlib
+
     gel, reach, met = sensor.w, sensor.range, np.isfinite(depth)
     table = matplotlib.colormaps["viridis"](np.linspace(1, 0, 256))[:, :3] * 255
     near, far = BEYOND
@@ -46,5 +46,7 @@ def linear_colors(
     colors: NDArray[np.uint8],  # (N, 4) sRGB
 ) -> NDArray[np.uint8]:  # (N, 4) opaque
     """Make the linear colours that glTF's factors and vertex colours are."""
+    from trimesh.visual.color import srgb_to_linear
+
     linear = srgb_to_linear(colors[:, :3] / 255)
     return np.concatenate([np.round(255 * linear), np.full((len(colors), 1), 255)], axis=1).astype(np.uint8)

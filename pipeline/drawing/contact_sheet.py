@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
 from pipeline.console import with_progress
 from pipeline.dataset.completed_objects import CompletedObjects
-from pipeline.drawing.grasp_pictures import GraspPictures, Rows, camera_images, grasp_note, size_note, touches_of
 from pipeline.drawing.picture_sheet import PICTURE, SheetRow, Tile, draw_sheet, spread_evenly
 from pipeline.drawing.written_files import WrittenFiles, read_list
 from pipeline.engine.keys import sources_hash
@@ -19,7 +18,9 @@ from pipeline.store.digest import hashes_of
 from pipeline.store.directory import changed_files
 from pipeline.store.record import Sha256
 from pipeline.store.storage import Location, remove
-from stages.render_vision.renderer import Renderer
+
+if TYPE_CHECKING:
+    from pipeline.drawing.grasp_pictures import GraspPictures, Rows
 
 SHOWN = ("surfaces", "grasps", "vision", "touch")
 """The artifacts that a contact sheet shows."""
@@ -56,6 +57,9 @@ def contact_sheets(data: Location, max_objects: int) -> list[Location]:
 
 def draw_contact_sheet(source: CompletedObjects, object_ids: Sequence[str], path: Path) -> list[Path]:
     """Draw the best grasps of objects into a file; later pages are called NAME-2.png and so on."""
+    from pipeline.drawing.grasp_pictures import GraspPictures
+    from stages.render_vision.renderer import Renderer
+
     rows, scene, sensors = [], source.scene(), source.sensors()
     with Renderer(scene) as renderer:
         pictures = GraspPictures(renderer, scene, source.hand(), sensors)
@@ -68,8 +72,10 @@ def draw_contact_sheet(source: CompletedObjects, object_ids: Sequence[str], path
     return draw_sheet(rows, path, title=source.name, note=note, sensor=sensors[0])
 
 
-def sheet_row(pictures: GraspPictures, object_id: str, rows: Rows) -> SheetRow:
+def sheet_row(pictures: "GraspPictures", object_id: str, rows: "Rows") -> SheetRow:
     """Make the row of an object's best grasp from its rows of the artifacts `SHOWN`."""
+    from pipeline.drawing.grasp_pictures import camera_images, grasp_note, size_note, touches_of
+
     with pictures.second_side(rows, 0, PICTURE) as side:
         views = [("from a second side", side.held()), ("touch sites", side.touched())]
     images = [Tile(caption, [image]) for caption, image in (*camera_images(rows["vision"], 0), *views)]

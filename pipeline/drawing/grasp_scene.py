@@ -100,7 +100,7 @@ class GraspScenes:
         pose: NDArray[np.float64] | None = None,  # (4, 4) mesh to group, m; by default the identity
     ) -> None:
         """Add a mesh to a scene below the node `group`, made if missing; a mesh of the same name is shared."""
-        if group not in scene.graph.nodes:
+        if group not in scene.graph.transforms.nodes:  # `graph.nodes` hashes the whole graph
             scene.graph.update(frame_from="world", frame_to=group, matrix=Y_UP)
         node, matrix = f"{group}-{name}", np.eye(4) if pose is None else pose
         if name in scene.geometry:

@@ -14,7 +14,7 @@ from rich.markup import escape
 
 from pipeline.config.settings import Settings
 from pipeline.config.sources import Object
-from pipeline.console import errors
+from pipeline.console import duration, errors
 from pipeline.engine import keys
 from pipeline.engine.executor import Executor, Serial
 from pipeline.engine.stage import Stage, Unit
@@ -133,7 +133,7 @@ class Plan(ABC):
             if self.up_to_date():
                 return self.current()
             objects, seconds, kilobytes = self.estimate()
-        cost_text = f"about {seconds / 60:.1f} min and {kilobytes / 1e3:.0f} MB"
+        cost_text = f"about {duration(max(seconds, 1))} and {kilobytes / 1e3:.0f} MB"
         return self.answer(self.intent(objects, cost_text), objects=objects, seconds=seconds, kilobytes=kilobytes)
 
     def answer(self, text: str, **facts: Any) -> Made:

@@ -63,12 +63,12 @@ def description_path(kind: Kind, name: str | Path) -> Path:
     return path
 
 
-def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
+def read_description(kind: Kind, path: Path, model: type[Model], *parts: type[BaseModel]) -> Model:  # `parts` are what its schema lacks
     """Read and validate a description file; the message names the file and every entry that is missing, unknown or unusable."""
     try:
         return model.model_validate(read_yaml(path, f"{kind} file"))
     except ValidationError as error:
-        raise InvalidInput(with_entries(f"{kind} file {path}: {invalid_entries(error, entry_names(model))}", model)) from error
+        raise InvalidInput(with_entries(f"{kind} file {path}: {invalid_entries(error, entry_names(model, *parts))}", model)) from error
 
 
 def with_entries(reason: str, model: type[BaseModel]) -> str:
@@ -131,8 +131,9 @@ def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
     """Name every unusable entry, with the reason and a short value; suggest the closest one of `names`, all entries."""
     details: list[Any] = error.errors()
     locations = [item["loc"] for item in details]
+    known = {*names, *(str(item["loc"][-1]) for item in details if item["type"] == "missing")}
     guesses = {  # the same name in another part of the file is no suggestion
-        item["loc"]: closest_name(item["loc"][-1], set(names) - {item["loc"][-1]}) for item in details if item["type"] == "extra_forbidden"
+        item["loc"]: closest_name(item["loc"][-1], known - {item["loc"][-1]}) for item in details if item["type"] == "extra_forbidden"
     }
     misspelt = {(*location[:-1], name) for location, name in guesses.items()}
     choices = {item["loc"]: re.findall("'([^']*)'", item["ctx"]["expected"]) for item in details if item["type"] == "literal_error"}
@@ -163,10 +164,10 @@ def _quoted_value(value: object) -> str:
     return f" (it is {value!r})" if short else ""
 
 
-def entry_names(model: type[BaseModel]) -> set[str]:
-    """List the names of all entries of a model and of the models in it."""
-    schema = model.model_json_schema()
-    return {name for part in (schema, *schema.get("$defs", {}).values()) for name in part.get("properties", {})}
+def entry_names(*models: type[BaseModel]) -> set[str]:
+    """List the names of all entries of models and of the models in them."""
+    schemas = [model.model_json_schema() for model in models]
+    return {name for schema in schemas for part in (schema, *schema.get("$defs", {}).values()) for name in part.get("properties", {})}
 
 
 def _describe(kind: str, name: str, message: str, guess: str | None, value: str) -> str:

@@ -18,18 +18,20 @@ def network_input(images: Tensor, dtype: torch.dtype) -> Tensor:
 
 def check_intensities(name: str, images: Tensor) -> None:
     """Refuse floating images whose values leave [0, 1], such as images not divided by 255; `name` is for messages."""
-    if not bool(((images >= 0) & (images <= 1)).all()):  # NaN is neither
-        low, high = images.detach().aminmax()
+    low, high = images.detach().aminmax() if images.numel() else (0, 1)
+    if not (low >= 0 and high <= 1):  # NaN is neither
         raise InvalidInput(f"{name} reach from {low:g} to {high:g}; floating images must lie in [0, 1]: divide by {WHITE}")
 
 
 def draw_weights(network: nn.Module, generator: torch.Generator | None) -> None:
     """Draw He's normal weights for all convolutions and linear layers of a network, in place; biases are zero.
 
-    Layers are set in the order of their names. Equal generators give equal weights; None is torch's global one.
-    (He et al., Delving Deep into Rectifiers, 2015: features keep their size through 25 layers of ReLU.)
+    Layers are set in the order of their names. Equal generators give equal weights; None is torch's global one. Weights on the device
+    meta have no values to draw. (He et al., Delving Deep into Rectifiers, 2015: features keep their size through 25 layers of ReLU.)
     """
     for name, parameter in network.named_parameters():
+        if parameter.is_meta:
+            continue  # a draw would import torch's compiler, which takes as long as torch
         if parameter.ndim > 1:
             nn.init.kaiming_normal_(parameter, nonlinearity="relu", generator=generator)
         elif name.endswith("bias"):

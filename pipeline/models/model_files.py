@@ -71,8 +71,11 @@ def load_network(
             f"{len(differing)} arrays of {WEIGHTS} differ from {DESCRIPTION}, {name} first: "
             f"{stored.get(name, 'missing')}, not {expected.get(name, 'there')}",
         )
-    network = network.to_empty(device=device)
-    network.load_state_dict(weights)
+    placed = {  # in the network's types and memory layouts
+        name: torch.empty_strided(value.shape, value.stride(), dtype=value.dtype, device=device).copy_(weights.pop(name))
+        for name, value in network.state_dict().items()
+    }
+    network.load_state_dict(placed, assign=True)
     return network.eval()
 
 

@@ -1,5 +1,6 @@
 """Write the recipe of a dataset, and compare a dataset, remade or published, with a recipe."""
 
+import shlex
 from collections.abc import Collection as Names
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -58,9 +59,7 @@ def recipe_of(
     """
     directory = DataDirectory(data)
     by_stage = {name: collection for name in DATASET if (collection := directory.collection(MADE_BY[name])).shards}
-    if DATASET[0] not in by_stage:
-        raise StoreError(f"{data}: {DATASET[0]} has made nothing here; name a data directory")
-    first_record = by_stage[DATASET[0]].first.record
+    first_record = directory.collection(MADE_BY[DATASET[0]]).first.record
     named = manifest or first_record.options.get("--manifest", first_record.manifest)
     described = load_manifest(named).with_units(units or first_record.options.get("--units"), up or first_record.options.get("--up"))
     folder = objects or (Path(first_record.options["--objects"]) if "--objects" in first_record.options else None)
@@ -111,9 +110,9 @@ def _check_current(record: ShardRecord, name: str, items: Sequence[Object], data
                 raise StoreError(f"{plan.path} has not been made; run {name} for all shards, then write the recipe")
             version = made.versions.get("vt-pipeline")
             raise StoreError(
-                f"{plan.path} is not what {name} makes here and now: it was made by other code (vt-pipeline {version}), of other files or "
-                "manifest, or in part. Install that version, run the stage again, or state its --manifest, --objects, --units and --up, "
-                "then write the recipe"
+                f"{plan.path} is out of date: {name} of vt-pipeline {version} made it with code, files or manifest that have changed "
+                f"since, or in part. Run `vt-pipeline run {name} --data {shlex.quote(str(data))}` again, install that version, or state "
+                "its --manifest, --objects, --units and --up; then write the recipe"
             )
 
 

@@ -2,7 +2,6 @@
 
 import fnmatch
 import hashlib
-import json
 import re
 import shlex
 from collections import Counter
@@ -51,9 +50,10 @@ class DataDirectory:
         self.root = as_location(root)
         self._collections: dict[str, Collection] = {}
 
-    def is_data_directory(self) -> bool:
-        """Check whether the folder is a data directory: it has a description, or a record."""
-        return exists(self.root / DESCRIPTION) or bool(self.shard_records(*ARTIFACTS) or self.folders())
+    def check_exists(self) -> None:
+        """Raise a `StoreError` if the folder is no data directory: it has neither a description nor a record."""
+        if not (exists(self.root / DESCRIPTION) or self.shard_records(*ARTIFACTS) or self.folders()):
+            raise StoreError(f"{self.root} is not a data directory; make one with `vt-pipeline run`, or name another")
 
     def shards(self) -> int | None:
         """Read the number of shards that the objects are split into; None before the first run."""
@@ -141,7 +141,7 @@ class DataDirectory:
 
     def folder(self, name: str) -> FolderRecord:
         """Read the record of a folder; a `StoreError` where there is none."""
-        return read_record(self.folder_record(name), FolderRecord, maker_of(name))
+        return read_record(self.folder_record(name), FolderRecord, maker_of(name, self.root))
 
     def folder_path(self, name: str) -> Location:
         """Return the path of the folder that a record names."""
@@ -179,7 +179,8 @@ class Collection:
         self.folder = folder
         self.artifact = artifact
         self.shards = shards
-        self._not_made = f"{folder} has not been made; run `vt-pipeline run {artifact.stage}` first"
+        stage = shards[0].record.stage if shards else artifact.stage
+        self._maker = f"`vt-pipeline run {stage} --data {shlex.quote(str(folder.parent))}`"
         self._shard_of = {object_id: shard for shard in shards for object_id in shard.position}
 
     def __contains__(self, object_id: object) -> bool:
@@ -196,12 +197,10 @@ class Collection:
         try:
             return self._shard_of[object_id]
         except KeyError:
-            if not self.shards:
-                raise StoreError(self._not_made) from None
-            record = self.shards[0].record
+            self._check_made()
             raise StoreError(
-                f"{self.folder}, of manifest {record.manifest}, has no object {object_id}; name that manifest, or "
-                f"run `vt-pipeline run {record.stage}` first, for all objects"
+                f"{self.folder}, of manifest {self.shards[0].record.manifest}, has no object {object_id}; name that manifest, or "
+                f"run {self._maker} first, for all objects"
             ) from None
 
     def row(self, object_id: str) -> RowRecord:
@@ -225,17 +224,20 @@ class Collection:
     @cached_property
     def first(self) -> Shard:
         """The first shard with a row: others lack sizes. Settings, attributes and constants are the same in all."""
-        if not self.shards:
-            raise StoreError(self._not_made)
+        self._check_made()
         self.check_alike()
         return next((shard for shard in self.shards if shard.has_rows), self.shards[0])
+
+    def _check_made(self) -> None:
+        if not self.shards:
+            raise StoreError(f"{self.folder} has not been made; run {self._maker} first")
 
     def check_alike(self) -> None:
         """Raise a `StoreError` if shards differ in settings, seed, models or constants: they do not belong together."""
         for other in (shard.record for shard in self.shards[1:]):
             first = self.shards[0].record
-            remedy = f"run `vt-pipeline run {first.stage}` for all shards"
-            made, made_otherwise = _made_with(first), _made_with(other)
+            remedy = f"run {self._maker} for all shards"
+            made, made_otherwise = first.made_with(), other.made_with()
             if names := [name for name in {**made, **made_otherwise} if made.get(name) != made_otherwise.get(name)]:
                 differences = [f"{name} {made.get(name, 'unset')} and {made_otherwise.get(name, 'unset')}" for name in names]
                 numbers = " and ".join(record.location.rpartition("-")[0] for record in (first, other))
@@ -267,15 +269,9 @@ class Collection:
         return digest.of_json({"rows": rows, "constants": constants})
 
 
-def _made_with(record: ShardRecord) -> dict[str, str]:
-    """List the settings, seed and models that a shard was made with, as texts that fit into a message."""
-    settings = {name: json.dumps(value, sort_keys=True) for name, value in record.settings.items()}
-    return {**settings, "--seed": str(record.seed), **{name: made_of[:16] for name, made_of in record.models.items()}}
-
-
 def made_by(name: str, record: FolderRecord) -> str:
     """Name what makes a folder: the stage in its record, or the command for scores, whose stage cannot be run alone."""
-    return maker_of(name) if name.startswith("scores/") else record.stage
+    return maker_of(name, "DATA") if name.startswith("scores/") else record.stage
 
 
 def changed_files(folder: Location, files: Mapping[str, str]) -> dict[str, str]:

@@ -98,6 +98,11 @@ class ShardRecord(Provenance):
     # SHA-256 of the `zarr.json` of the group itself, under the empty name, and of each array at its root
     metadata: dict[str, Sha256]
 
+    def made_with(self) -> dict[str, str]:
+        """List its settings, seed and models as texts that fit into a message."""
+        settings = {name: json.dumps(value, sort_keys=True) for name, value in self.settings.items()}
+        return {**settings, "--seed": str(self.seed), **{name: made_of[:16] for name, made_of in self.models.items()}}
+
 
 class FolderRecord(Provenance):
     """The record of a folder that a dataset stage filled."""

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from pipeline.config.manifest import TOTAL
 from pipeline.console import Columns, Row, Table, tabulate
-from pipeline.dataset.object_rows import ObjectRows
+from pipeline.dataset.object_rows import ObjectRows, has_paper_sizes
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location
 from pipeline.tables.supplement_figures import PAPER, TABLE_1, TOUCHES_PER_GRASP
 from schemas.grasps import GRASPS
-from stages.evaluate.measure import has_paper_sizes
 
 CONTACT_ARRAYS = ("contact_area", "opposition", "closure")
 HOLD_ARRAYS = ("held", "held_directions", "hold_distance", "hold_speed")

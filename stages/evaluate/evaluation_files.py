@@ -31,6 +31,9 @@ SHIPPED_ROWS = "shipped-"
 
 Arrays = dict[str, np.ndarray]
 
+NOTHING = np.zeros(0, int), np.zeros(0)
+"""Object numbers and values of a metric that was not measured."""
+
 
 class Figure(NamedTuple):
     """A figure of one reconstruction; a row of the group `figures` without its network."""
@@ -48,11 +51,13 @@ class Figures:
     def __init__(self, object_ids: Sequence[str], rows: Iterable[Figure]) -> None:
         self.object_ids, self.rows = list(object_ids), list(rows)
         number = {object_id: row for row, object_id in enumerate(self.object_ids)}
-        self._values: dict[tuple[str, int], tuple[list[int], list[float]]] = {}
+        listed: dict[tuple[str, int], tuple[list[int], list[float]]] = {}
         for figure in self.rows:
-            numbers, values = self._values.setdefault((figure.metric, figure.grasps), ([], []))
+            numbers, values = listed.setdefault((figure.metric, figure.grasps), ([], []))
             numbers.append(number[figure.object_id])
             values.append(figure.value)
+        # object numbers and values, (N,) each
+        self._values = {key: (np.array(numbers, int), np.array(values, np.float64)) for key, (numbers, values) in listed.items()}
 
     @property
     def grasps(self) -> list[int]:
@@ -90,16 +95,16 @@ class Figures:
 
     def available(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
         """List a metric of the objects that have it: (object,); (0,) if it was not measured."""
-        return np.array(self._values.get((metric, grasps), ([], []))[1], np.float64)
+        return self._values.get((metric, grasps), NOTHING)[1]
 
     def ring(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Compute the local Chamfer distance in a ring, and count the touches with points in it: (object,) each.
 
         The distance is the mean over these touches, 0 without any.
         """
-        numbers, values = self._values.get((f"local_chamfer_{number}", 1), ([], []))
-        sites = np.bincount(np.array(numbers, int), minlength=len(self.object_ids))
-        return np.bincount(np.array(numbers, int), weights=values, minlength=len(self.object_ids)) / np.maximum(sites, 1), sites
+        numbers, values = self._values.get((f"local_chamfer_{number}", 1), NOTHING)
+        sites = np.bincount(numbers, minlength=len(self.object_ids))
+        return np.bincount(numbers, weights=values, minlength=len(self.object_ids)) / np.maximum(sites, 1), sites
 
 
 def chamfer_by_object(folder: Path) -> dict[str, float]:

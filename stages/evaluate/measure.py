@@ -14,27 +14,16 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError, StoreError
 from pipeline.kernels.geometry.mesh import sample_triangles
-from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances, sampled_area, sampling_floor
 from pipeline.models.observation import Observation, stored_observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor
 from pipeline.rng import numpy_rng
-from pipeline.store.directory import DataDirectory
 from pipeline.store.shard import RowView
 from pipeline.store.storage import Location
 from schemas.surfaces import SURFACES
 from stages.evaluate.evaluation_files import Arrays, Figure, Figures
 
 SPLIT = "test"
-
-
-def has_paper_sizes(data: Location) -> bool:
-    """Check whether every object was scaled to the paper's diagonal: only then can figures in metres be compared with the paper's."""
-    shard = DataDirectory(data).collection(SURFACES).first
-    if shard.attributes.get("settings", {}).get("diagonal", DIAGONAL) != DIAGONAL:
-        return False
-    rows = ObjectRows(data, ["metres_per_unit"], split=None)
-    return all(rows.read("metres_per_unit", object_id) == 0 for object_id in rows.object_ids)
 
 
 class MeasuredObjects(ObjectRows):

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field
 from rich.markup import escape
 
 from pipeline.config.settings import Settings, setting
+from pipeline.dataset.object_rows import has_paper_sizes
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.errors import unknown_name
 from pipeline.models.families import ROWS, load_rows, model_name, rows_of
@@ -147,7 +148,6 @@ class Evaluation(DatasetStage):
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Measure one network or method after the other, then the baselines; write all figures and their means."""
         from pipeline.models.device import torch_threads
-        from stages.evaluate.measure import has_paper_sizes
 
         methods = self.methods(job)
         protocol = self.protocol(job, methods)

@@ -22,7 +22,7 @@ from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, POSITION, bounding_diagonal
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.vision.camera import Camera, project_points, projection_matrix
-from pipeline.kernels.vision.scene import Label, NamedCamera, Scene
+from pipeline.kernels.vision.scene import Label, Scene
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
@@ -176,7 +176,7 @@ def _scene(settings: VisionSettings) -> Scene:
     return scene.model_copy(update={"cameras": tuple(camera.zoomed(zoom) for camera in scene.cameras)})
 
 
-def _cameras(scene: Scene, settings: VisionSettings, vertices: np.ndarray) -> list[NamedCamera]:
+def _cameras(scene: Scene, settings: VisionSettings, vertices: np.ndarray) -> list[Camera]:
     """Zoom a scene's cameras to an object with these vertices (V, 3), world, m, if the settings do not say how much."""
     zoom = DIAGONAL / bounding_diagonal(vertices) if settings.zoom is None else 1.0
     pixels = [project_points(projection_matrix(camera), POSITION) for camera in scene.cameras]

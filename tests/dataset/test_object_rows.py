@@ -130,7 +130,7 @@ def test_cached_arrays_are_read_only_and_tensors_are_writable(data):
         (lambda data: ObjectRows(data, ["tactile_imge"], "test"), "no artifact has an array tactile_imge, did you mean tactile_image?"),
         (lambda data: ObjectRows(data, ["local_count", "smell"], "test"), "no artifact has an array smell"),
         (lambda data: ObjectRows(data, ["points"], "train"), "no usable object in split train, but in test; the manifest"),
-        (lambda data: ObjectRows(data / "nowhere", ["points"]), "nowhere does not exist; give a data directory"),
+        (lambda data: ObjectRows(data / "nowhere", ["points"]), "nowhere is not a data directory; make one with"),
         (lambda data: open_artifact(data, "taste"), "unknown artifact taste; choose from surfaces"),
         (lambda data: open_artifact(data / "nowhere", "touch"), "touch has not been made"),
     ],

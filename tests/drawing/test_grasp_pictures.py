@@ -26,7 +26,7 @@ SMALL = SENSOR.model_copy(update={"width": 0.01, "w": 0.005, "rows": 10, "cols":
 @pytest.mark.parametrize("size", [0.02, 0.5, 8.0])
 def test_fitted_camera_shows_all_points_whole_from_its_side(position, size) -> None:
     """From straight above or below too, and of objects that its position is inside of."""
-    camera = Camera(position=position, rotation=(0, 0, 30), focal=(200, 200), centre=(64, 64), resolution=128)
+    camera = Camera(name="camera", position=position, rotation=(0, 0, 30), focal=(200, 200), centre=(64, 64), resolution=128)
     corners = size * (np.array(list(product((-0.5, 0.5), repeat=3)))) + (0, 0, 0.6)
     fitted = fitted_camera(camera, corners, fill=0.9)
     pixels = project_points(projection_matrix(fitted), corners) - 64

@@ -283,7 +283,7 @@ def publish_evaluation(data: Path, content: str) -> Path:
 def test_garbage_is_collected_in_data_directories_only(tmp_path):
     (leftover := tmp_path / f"notes.{TOKEN}.tmp").touch()
     printed = vt("collect-garbage", tmp_path, "--older-than", "0", fails=True)
-    assert "is not a data directory: it has no dataset.json, and no record" in printed
+    assert "is not a data directory; make one with" in printed
     assert leftover.exists()
 
 

@@ -123,9 +123,9 @@ def test_missing_input_is_named_with_the_command_that_makes_it(tmp_path):
     run(request(tmp_path))
     with pytest.raises(StoreError, match="no object in split train"):
         make(tmp_path, items=objects(5, split="valid"))
-    with pytest.raises(StoreError, match=r"models/average has not been made; run `vt-pipeline run train-average` first"):
+    with pytest.raises(StoreError, match=r"models/average has not been made; run `vt-pipeline run train-average --data .*` first"):
         make(tmp_path, Average(trained=("models/average",)))
-    further = "vt-pipeline run train-gcn --set train-gcn.configuration=touch --set train-gcn.training_seed=1"
+    further = "vt-pipeline run train-gcn --data .* --set train-gcn.configuration=touch --set train-gcn.training_seed=1"
     with pytest.raises(StoreError, match=rf"models/seed-1/gcn/touch has not been made; run `{further}` first"):
         make(tmp_path, Average(trained=("models/seed-1/gcn/touch",)))
 

@@ -35,6 +35,14 @@ def run(monkeypatch, capsys):
     return run_example
 
 
+@pytest.mark.parametrize("name", ["read_with_torch", "read_with_xarray", "touch_in_pybullet", "touch_one_mesh", "train_one_network"])
+def test_help_names_the_arguments(name, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", [name, "--help"])
+    with pytest.raises(SystemExit, match="0"):
+        runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+    assert "default: " in capsys.readouterr().out
+
+
 def test_read_with_torch_prints_shapes_and_touches(run, data):
     printed = run("read_with_torch", data, "test")
     assert "10 grasps of 2 objects in split test; failed: none" in printed

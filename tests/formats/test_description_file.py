@@ -7,8 +7,10 @@ import pytest
 import yaml
 from PIL import Image
 
+from pipeline.config.manifest import load_manifest
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path, parse_yaml
+from pipeline.formats.hand_file import load_hand
 from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.sensor import pixel_centres
@@ -76,6 +78,26 @@ def test_background_rotated_by_exif_is_upright_at_any_size(tmp_path: Path) -> No
         image = untouched_image(load_sensor(tmp_path / "mine.yaml", shape=shape))
         assert (image[: len(image) // 3] == 200).all()
         assert not image[-len(image) // 3 :].any()
+
+
+@pytest.mark.parametrize(
+    ("kind", "load", "shipped", "path", "entry", "misspelt"),
+    [
+        ("manifest", load_manifest, "pybullet-objects", ("sources", 0), "random_urdfs", "random_urdf"),
+        ("manifest", load_manifest, "toy", ("sources", 0), "count", "counts"),  # of a kind that a package declares
+        ("hand", load_hand, "allegro_right", ("fingers", 0, "sensor"), "origin", "orgin"),
+        ("sensor", load_sensor, "gelsight_mini", ("calibrated",), "shadows", "shadow"),
+        ("scene", load_scene, "supplement", ("cameras", 0), "rotation", "rotaton"),
+    ],
+)
+def test_misspelt_nested_entry_is_guessed(tmp_path: Path, kind, load, shipped, path, entry, misspelt) -> None:
+    content = part = yaml.safe_load(description_path(kind, shipped).read_text())
+    for step in path:
+        part = part[step]
+    part[misspelt] = part.pop(entry)
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(content))
+    with pytest.raises(InvalidInput, match=rf"there is no entry .*\.{misspelt}, did you mean {entry}\?"):
+        load(str(tmp_path / "mine.yaml"))
 
 
 def test_scene_file_with_one_camera_is_refused_with_the_remedy(tmp_path: Path) -> None:

@@ -150,6 +150,7 @@ def test_command_stops_before_it_reads_and_goes_on_if_told(tmp_path: Path) -> No
     stopped = vt(*command, fails=True)
     assert "colours exchanged (blue, green, red)" in stopped
     assert "deepest" not in stopped
+    assert "per second" not in stopped
     assert "the rim is pressed" in vt(*command, "--accept-photographs")
 
 

@@ -266,13 +266,13 @@ def test_dataset_of_other_inputs_or_without_rows_has_no_recipe(published: Path, 
     shutil.copytree(published.parent, tmp_path / "p")
     (tmp_path / "p" / "meshes" / "ball.ply").write_bytes((tmp_path / "p" / "meshes" / "ball.ply").read_bytes() + b"\n")
     output = vt("recipe", tmp_path / "p" / "data", "--manifest", tmp_path / "p" / "things.yaml", fails=True)
-    assert "surfaces/0000-of-0001 is not what sample-surfaces makes here and now" in output
+    assert "surfaces/0000-of-0001 is out of date: sample-surfaces of vt-pipeline" in output
     manifest = tmp_path / "p" / "things.yaml"
     shutil.copy(published.parent / "meshes" / "ball.ply", tmp_path / "p" / "meshes" / "ball.ply")
     manifest.write_text(manifest.read_text().replace("CC0", "CC-BY-4.0"))
     output = vt("recipe", tmp_path / "p" / "data", "--manifest", manifest, fails=True)
     assert "has licence 'CC0' and file 'ball.ply' there, and others in the manifest; delete that folder" in output
-    assert "sample-surfaces has made nothing here" in vt("recipe", tmp_path, fails=True)
+    assert "surfaces has not been made; run `vt-pipeline run sample-surfaces --data" in vt("recipe", tmp_path, fails=True)
 
 
 def test_recipe_without_images_can_be_remade_and_one_without_what_a_stage_reads_cannot(published: Path, remade: tuple[Path, str]) -> None:

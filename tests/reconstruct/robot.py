@@ -20,7 +20,9 @@ FOCAL, COLS, ROWS = 300.0, 160, 120
 SENSOR = load_sensor("gel_16mm")
 CAMERA_AXES = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 """Columns: right is -y, down is -z, forward is +x, OpenCV's convention."""
-TRAINING = projection_matrix(Camera(position=(1.1, 0.3, 0.9), rotation=(75, 0, 105), focal=(200, 200), centre=(64, 64), resolution=128))
+TRAINING = projection_matrix(
+    Camera(name="camera", position=(1.1, 0.3, 0.9), rotation=(75, 0, 105), focal=(200, 200), centre=(64, 64), resolution=128)
+)
 
 
 def camera_pose() -> np.ndarray:

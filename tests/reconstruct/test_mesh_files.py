@@ -70,7 +70,7 @@ def test_vertices_that_are_not_finite_are_refused(tmp_path: Path, vertex: int, v
 
 
 SIDE = 64
-CAMERA = Camera(position=(0, 0, 1), rotation=(0, 0, 0), focal=(100, 100), centre=(32, 32), resolution=SIDE)
+CAMERA = Camera(name="camera", position=(0, 0, 1), rotation=(0, 0, 0), focal=(100, 100), centre=(32, 32), resolution=SIDE)
 IMAGE = np.full((SIDE, SIDE, 3), 200, np.uint8)
 IMAGE[:, :32], IMAGE[:, 32:] = (255, 0, 0), (0, 0, 255)  # red where x is negative
 EVERYWHERE = np.ones((SIDE, SIDE), bool)

@@ -49,7 +49,7 @@ SIDE = 3
 GRASPS_AN_OBJECT, SENSORS = 5, 4
 SENSOR = load_sensor("gel_16mm")
 HAND = {"hand": "allegro_right"}
-CAMERA = Camera(position=(1.5, 0, 0.6), rotation=(90, 0, 90), focal=(400, 400), centre=(128, 128), resolution=256)
+CAMERA = Camera(name="camera", position=(1.5, 0, 0.6), rotation=(90, 0, 90), focal=(400, 400), centre=(128, 128), resolution=256)
 
 
 def direction_to(unit: Unit, grasp: int, sensor: int) -> np.ndarray:

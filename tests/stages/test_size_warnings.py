@@ -11,7 +11,7 @@ from pipeline.kernels.vision.camera import Camera
 from stages.render_vision.stage import is_speck, leaves_image
 from stages.simulate_grasps.stage import GraspSettings, SimulateGrasps
 
-ABOVE = Camera(position=(0, 0, 1), rotation=(0, 0, 0), focal=(100, 100), centre=(32, 32), resolution=64)
+ABOVE = Camera(name="camera", position=(0, 0, 1), rotation=(0, 0, 0), focal=(100, 100), centre=(32, 32), resolution=64)
 
 
 def test_gripper_opens_as_far_as_its_fingers_slide() -> None:

@@ -11,10 +11,10 @@ from rich.console import Console
 
 from pipeline.config.settings import Settings
 from pipeline.console import show_tables
+from pipeline.dataset.object_rows import has_paper_sizes
 from pipeline.engine.plan import Request
 from pipeline.tables.touch_tables import SIZES, ObjectTouches, Touches, hold_tables, size_bins, touch_tables
 from schemas.surfaces import SURFACES
-from stages.evaluate.measure import has_paper_sizes
 from tests.engine.tiny_stages import pack
 from tests.stages.ball_dataset import Given, objects, surfaces
 

@@ -54,13 +54,13 @@ def test_error_names_the_remedy(arguments: list[str], message: str) -> None:
 
 
 def test_advice_keeps_the_limits_of_time_and_error(measured: Path) -> None:
-    output = vt("advise", "--data", measured, "--within", "13min", "--objects", 100, "--cores", 1)
+    output = vt("advise", "--data", measured, "--within", "13min", "--count", 100, "--cores", 1)
     assert "100 objects on 1 core" in output
     assert "measured on 4 objects, a machine" in output
     assert output.endswith("--preset draft --set sample-surfaces.points=16")
     assert "fast" in vt("advise", "--data", measured, "--error", "2.5mm", "--cores", 2)
     assert "at best 1 mm is kept to" in vt("advise", "--data", measured, "--error", "0.5mm", fails=True)
-    output = vt("advise", "--data", measured, "--within", "1min", "--objects", 100, "--cores", 1, fails=True)
+    output = vt("advise", "--data", measured, "--within", "1min", "--count", 100, "--cores", 1, fails=True)
     assert "the fastest measured settings take 400 s" in output
 
 

@@ -100,12 +100,13 @@ class Evaluation:
                     if surfaces := read_surfaces(folder, name):
                         self.tables[name], self.figures[name] = surfaces, figures[name]
         self.configurations = list(self.tables)
+        self._row = {object_id: row for row, object_id in enumerate(self.object_ids)}
 
     def predictions(self, object_id: str) -> list[ShownSurface]:
         """List the reconstructions of an object with its first grasps, by network from few grasps to many; none if it was not evaluated."""
-        if object_id not in self.object_ids:
+        if object_id not in self._row:
             return []
-        row, predictions = self.object_ids.index(object_id), []
+        row, predictions = self._row[object_id], []
         for name, table in self.tables.items():
             cases = [case for case, first_grasp in enumerate(table["first_grasp"]) if first_grasp == 0]
             for case in sorted(cases, key=lambda case: int(table["grasps_given"][case])):
@@ -127,7 +128,7 @@ class Evaluation:
     def surface(self, object_id: str, prediction: ShownSurface) -> tuple[np.ndarray, np.ndarray]:  # (V, 3) m, (F, 3)
         """Read the surface of a reconstruction."""
         table = self.tables[prediction.network]
-        return surface_of(table, table["object_id"].tolist().index(object_id), prediction.case)
+        return surface_of(table, self._row[object_id], prediction.case)
 
     def mesh(self, object_id: str, prediction: ShownSurface) -> Mesh:
         """Make the mesh of a reconstruction: in grey, with the touch charts of its input, if these are fitted, in orange."""

@@ -9,10 +9,10 @@ import scipy
 import trimesh
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.arrays import Array, Floats, Indices, Integers, Mask
+from pipeline.kernels.arrays import Array, Floats, Indices, Integers
 from pipeline.kernels.geometry.level_set import level_set_mesh
 from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products, is_watertight, mesh_edges, without_slivers
-from pipeline.kernels.geometry.signed_distance import is_inside
+from pipeline.kernels.geometry.signed_distance import inside_test
 from pipeline.kernels.geometry.transforms import unit_vectors
 
 REMAINING_SHARE = 0.2  # of the distance to the surface after the wrap is moved onto it: touching sheets stay two sides
@@ -44,19 +44,21 @@ def wrap_surface(vertices: Array, faces: Integers, spacing: float) -> tuple[Arra
     """
     check_coordinates(vertices, "vertices")
     vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int64)
-    triangles = without_slivers(vertices, faces)
+    triangles, is_inside = without_slivers(vertices, faces), inside_test(vertices, faces)
+    tree = igl.AABB()
+    tree.init(vertices, triangles)
 
     def distance(points: Array) -> Array:
         """Compute the signed distance from the shell around the triangles, negative in the shell and inside it."""
-        distances: Array = np.sqrt(igl.point_mesh_squared_distance(points, vertices, triangles)[0]) - spacing
-        if (off_shell := distances > 0).any():
-            distances[off_shell] = np.where(is_inside(points[off_shell], vertices, faces), -distances[off_shell], distances[off_shell])
+        distances: Array = np.sqrt(tree.squared_distance(vertices, triangles, points)[0]) - spacing
+        off_shell = np.flatnonzero(distances > 0)
+        distances[off_shell[is_inside(points[off_shell])]] *= -1
         return distances
 
     margin = 2 * spacing
     used = vertices[np.unique(faces)]
     shell, sides = largest_part(*level_set_mesh(distance, used.min(axis=0) - margin, used.max(axis=0) + margin, spacing))
-    squared, _, nearest = igl.point_mesh_squared_distance(shell, vertices, triangles)
+    squared, _, nearest = tree.squared_distance(vertices, triangles, shell)
     on_surface = squared < (1.5 * spacing) ** 2  # the others close a hole
     shell[on_surface] = nearest[on_surface] + REMAINING_SHARE * (shell - nearest)[on_surface]
     return shell, sides
@@ -95,12 +97,12 @@ def vertex_normals(vertices: Array, faces: Integers) -> Array:
     return unit_vectors(total)
 
 
-def split_edges(vertices: Array, faces: Integers, chosen: Mask) -> tuple[Array, Integers]:
-    """Split chosen edges (E,) of `mesh_edges` in their middles, which are appended to the vertices, and the faces beside them."""
-    ends, edge = mesh_edges(faces)
-    middle = np.where(chosen, len(vertices) + np.cumsum(chosen) - 1, -1)
+def split_edges(vertices: Array, faces: Integers, ends: Integers, edge: Integers, chosen: Indices) -> tuple[Array, Integers]:
+    """Split chosen edges of `mesh_edges` in their middles, which are appended to the vertices, and the faces beside them."""
+    middle = np.full(len(ends), -1)
+    middle[chosen] = len(vertices) + np.arange(len(chosen))
     vertices = np.concatenate([vertices, vertices[ends[chosen]].mean(axis=1)])
-    split = chosen[edge]  # (F, 3)
+    split = middle[edge] >= 0  # (F, 3)
     number = split.sum(axis=1)
     new_faces = [faces[number == 0]]
     for count, table in SPLITS.items():
@@ -166,13 +168,15 @@ def attach_points(
     if not len(points):
         return vertices, faces
     for number in range(ATTACHMENT_ROUNDS):
-        for _ in range(2):  # each at most halves the edges
-            closest = _nearest_facing_points(vertices, faces, points, normals, spacing)[1]
-            ends, _edge = mesh_edges(faces)
-            is_long = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1) > 1.5 * spacing / REFINEMENT
-            is_near = scipy.spatial.cKDTree(closest).query(vertices[ends].mean(axis=1))[0] < spacing
-            vertices, faces = split_edges(vertices, faces, is_long & is_near)
         nearest = _nearest_facing_points(vertices, faces, points, normals, spacing)
+        for _ in range(2):  # each at most halves the edges
+            ends, edge = mesh_edges(faces)
+            long = np.flatnonzero(np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1) > 1.5 * spacing / REFINEMENT)
+            away, _ = scipy.spatial.cKDTree(nearest[1]).query(vertices[ends[long]].mean(axis=1), distance_upper_bound=spacing)
+            if not (away < spacing).any():
+                break
+            vertices, faces = split_edges(vertices, faces, ends, edge, long[away < spacing])
+            nearest = _nearest_facing_points(vertices, faces, points, normals, spacing)
         vertices = _displace_vertices(vertices, faces, points, *nearest, spacing, coarse=not number)
     return _insert_points(vertices, faces, points, tolerance)
 
@@ -184,7 +188,7 @@ def _nearest_facing_points(
     corners = vertices[faces]
     facing = unit_vectors(face_cross_products(corners))
     weight = NORMAL_WEIGHT * spacing / np.sqrt(2)
-    tree = scipy.spatial.cKDTree(np.concatenate([corners.mean(axis=1), weight * facing], axis=1))
+    tree = scipy.spatial.cKDTree(np.concatenate([corners.mean(axis=1), weight * facing], axis=1), balanced_tree=False)
     count = min(CANDIDATES, len(faces))
     candidates = tree.query(np.concatenate([points, weight * normals], axis=1), k=count)[1].reshape(-1)  # (N count)
     repeated = np.repeat(points, count, axis=0)
@@ -198,9 +202,10 @@ def _displace_vertices(
 ) -> Array:
     """Displace the vertices around the closest points so that these come near the points; with `coarse`, details keep their shape."""
     offset = points - closest
-    distances, nearest = scipy.spatial.cKDTree(closest).query(vertices)
-    farthest = LARGEST_SHARE * float(np.ptp(vertices, axis=0).max())
-    pulled = np.minimum(FALLOFF * np.linalg.norm(offset, axis=1)[nearest], farthest)
+    pulled = np.minimum(FALLOFF * np.linalg.norm(offset, axis=1), LARGEST_SHARE * float(np.ptp(vertices, axis=0).max()))
+    distances, nearest = scipy.spatial.cKDTree(closest).query(vertices, distance_upper_bound=REACH * spacing + pulled.max())
+    nearest[np.isinf(distances)] = 0  # no point is so near that it moves the vertex
+    pulled = pulled[nearest]
     corners = vertices[faces[face]]
     outwards = face_cross_products(corners)
     facing = np.einsum("ni,ni->n", vertex_normals(vertices, faces), outwards[nearest])

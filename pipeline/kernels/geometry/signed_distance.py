@@ -1,5 +1,7 @@
 """Distances from points to a mesh, and points drawn around it."""
 
+from collections.abc import Callable
+
 import igl
 import numpy as np
 from numpy.typing import NDArray
@@ -32,13 +34,22 @@ def is_inside(points: Array, vertices: Array, faces: Integers) -> Mask:  # (N,)
     Neighbouring faces may be wound against each other: the smaller area of a part is turned over. Parts that are turned inside out count
     as inside too, unless they lie within another: then they are its cavities.
     """
+    return inside_test(vertices, faces)(points)
+
+
+def inside_test(vertices: Array, faces: Integers) -> Callable[[Array], Mask]:
+    """Prepare `is_inside` of one surface for several sets of points."""
     if not len(faces):
         raise InvalidInput("a mesh without faces has neither surface nor inside")
-    check_coordinates(points, "points")
     check_coordinates(vertices, "vertices")
-    faces = _consistently_wound(vertices, np.ascontiguousarray(faces, np.int64))
-    winding = igl.fast_winding_number(np.ascontiguousarray(vertices), faces, np.ascontiguousarray(points))
-    return np.asarray(np.abs(winding) > INSIDE_WINDING)
+    surface = igl.FastWindingNumberBVH()
+    surface.init(np.ascontiguousarray(vertices), _consistently_wound(vertices, np.ascontiguousarray(faces, np.int64)))
+
+    def inside(points: Array) -> Mask:
+        check_coordinates(points, "points")
+        return np.asarray(np.abs(surface.winding_number(np.ascontiguousarray(points))) > INSIDE_WINDING)
+
+    return inside
 
 
 def _consistently_wound(vertices: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:

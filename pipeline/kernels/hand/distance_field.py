@@ -4,17 +4,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import igl
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Array32, Integers, Mask
+from pipeline.kernels.geometry.face_tree import FaceTree, build_face_tree, nearest_points
 from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products, without_slivers
-from pipeline.kernels.geometry.transforms import compose, transform_points, unit_vectors
+from pipeline.kernels.geometry.transforms import transform_points, unit_vectors
 from pipeline.kernels.hand.collision_shapes import CollisionSpheres
-from pipeline.kernels.hand.grid_loops import Grid, gaps, look_up
+from pipeline.kernels.hand.grid_loops import Grid, gaps, look_up, near_spheres, place_probes, probe_contact
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 
@@ -39,7 +39,7 @@ class DistanceField:
 
     vertices: Array  # (V, 3) m
     faces: Integers  # (F, 3); slivers are edges that are run through twice
-    tree: igl.AABB
+    tree: FaceTree
     origin: Array  # (3,) centre of the first cell, m
     cell: float  # m, side of a cell
     records: Array32  # (X, Y, Z, 4) signed distance of every cell's centre, m, and its gradient
@@ -69,7 +69,7 @@ class DistanceField:
             return np.empty(0)
         if not np.isfinite(points).all():
             raise ValueError(f"{np.count_nonzero(~np.isfinite(points))} coordinates of points are NaN or infinite; pass finite points")
-        squared, _, closest = self.tree.squared_distance(self.vertices, self.faces, np.ascontiguousarray(points))
+        squared, _, closest = nearest_points(self.tree, points)
         distance: Array = np.sqrt(squared)
         distance[self._is_inside(closest, unit_vectors(points - closest), distance)] *= -1
         return distance
@@ -86,7 +86,7 @@ class DistanceField:
             points, undecided = points[side < 0], undecided[side < 0]
             if not len(undecided):
                 break
-            squared, _, closest = self.tree.squared_distance(self.vertices, self.faces, points)
+            squared, _, closest = nearest_points(self.tree, points)
             distance, direction = np.sqrt(squared), unit_vectors(points - closest)
         return inside
 
@@ -104,19 +104,18 @@ def build_distance_field(
         raise InvalidInput("a mesh of 0 faces has no distance from anything")
     check_coordinates(vertices[faces].reshape(-1, 3), "corners of faces")
     faces = without_slivers(vertices, faces)
-    tree = igl.AABB()
-    tree.init(vertices, faces)
+    tree = build_face_tree(vertices, faces)
     low, high = vertices[faces].min(axis=(0, 1)), vertices[faces].max(axis=(0, 1))
     cell, margin, blocks = _grid_layout(high - low, cell, band)
     low = low - margin
     block_centres = low + (np.argwhere(np.ones(blocks)) + 0.5) * cell * BLOCK
-    block_distance = np.sqrt(tree.squared_distance(vertices, faces, block_centres)[0]).reshape(blocks)
+    block_distance = np.sqrt(nearest_points(tree, block_centres)[0]).reshape(blocks)
     reach = BLOCK * cell * np.sqrt(3) / 2  # from a block's centre to its corner
     distance = _per_cell(np.maximum(block_distance - reach, margin))
-    is_near = _per_cell(block_distance <= margin + reach)
-    centres = low + (np.argwhere(is_near) + 0.5) * cell
-    squared, face, closest = tree.squared_distance(vertices, faces, centres)
-    distance[is_near] = np.sqrt(squared)
+    near_cells = (BLOCK * np.argwhere(block_distance <= margin + reach)[:, None] + np.argwhere(np.ones((BLOCK,) * 3))).reshape(-1, 3)
+    centres, near = low + (near_cells + 0.5) * cell, tuple(near_cells.T)
+    squared, face, closest = nearest_points(tree, centres, BLOCK**3)
+    distance[near] = np.sqrt(squared)
 
     # Between neighbouring centres with a surface between them, one is at most half a cell from it: no path leaks through.
     is_open = distance > cell / 2 * (1 + 1e-6)
@@ -125,12 +124,13 @@ def build_distance_field(
     records = np.zeros((*distance.shape, 4), np.float32)
     field = DistanceField(vertices, faces, tree, low + cell / 2, cell, records, inside)
 
-    on_surface = distance[is_near][:, None] <= ON_SURFACE_CELLS * cell  # has no direction away from it: either side is right
-    away = unit_vectors(np.where(on_surface, face_cross_products(vertices[faces[face]]), centres - closest))
+    away, on_surface = centres - closest, distance[near] <= ON_SURFACE_CELLS * cell
+    away[on_surface] = face_cross_products(vertices[faces[face[on_surface]]])  # there is no direction away from it: either side is right
+    away = unit_vectors(away)
     sign = np.where(inside == 1, -1.0, 1.0)
-    sign[is_near] = np.where(field._is_inside(closest, away, distance[is_near]), -1.0, 1.0)
+    sign[near] = np.where(field._is_inside(closest, away, distance[near]), -1.0, 1.0)
     records[..., 0] = distance * sign
-    records[is_near, 1:] = away * sign[is_near][:, None]
+    records[(*near, slice(1, 4))] = away * sign[near][:, None]
     return field
 
 
@@ -162,9 +162,7 @@ def gel_grid(hand: Hand, sensors: Sequence[Sensor]) -> Array:  # (S, PROBES², 3
 
 def gel_probes(hand: Hand, grid: Array, frames: Array) -> Array32:  # (3, N, S, PROBES²) m
     """Compute where the points of `gel_grid` are in postures, in the frame that their link frames (N, L, 4, 4) are given in."""
-    homogeneous = np.concatenate([grid, np.ones((*grid.shape[:2], 1))], axis=2)
-    points = compose(frames[:, [mount.link for mount in hand.sensors], :3], np.swapaxes(homogeneous, 1, 2))  # (N, S, 3, PROBES²)
-    return np.ascontiguousarray(np.moveaxis(points, 2, 0), np.float32)
+    return place_probes(np.ascontiguousarray(frames), np.array([mount.link for mount in hand.sensors]), grid)
 
 
 def gel_contact(
@@ -173,9 +171,7 @@ def gel_contact(
     pose: Array = IDENTITY,  # (4, 4) of their frame, world
 ) -> tuple[Array32, Array32]:  # (N, S) m, (N, S)
     """Measure the least distance of each gel's probes from an object, negative inside, and the share that are inside."""
-    x, y, z = probes
-    distances = field.lookup(np.stack([((row[0] * x + row[1] * y) + row[2] * z) + row[3] for row in pose[:3].astype(np.float32)]))
-    return distances.min(axis=2), (distances < 0).mean(axis=2, dtype=np.float32)
+    return probe_contact(field.grid, probes, pose.astype(np.float32))
 
 
 def finger_clearance(
@@ -195,6 +191,5 @@ def penetration_depth(field: DistanceField, spheres: CollisionSpheres, frames: A
 
 def near_gaps(field: DistanceField, spheres: CollisionSpheres, frames: Array, limit: float) -> Array:  # (K,) m
     """Measure the exact gaps between an object and spheres on link frames (L, 4, 4): all those below a limit, and some others."""
-    points = spheres.world_centres(frames)  # (B, 3)
-    candidates = np.flatnonzero(field.lookup(points.T.astype(np.float32)) - spheres.radii < limit + LOOKUP_ERROR_CELLS * field.cell)
-    return field.exact(points[candidates]) - spheres.radii[candidates]
+    points, numbers = near_spheres(field.grid, frames, spheres.centres, spheres.radii, spheres.link, limit)
+    return field.exact(points) - spheres.radii[numbers]

@@ -13,6 +13,7 @@ from pipeline.kernels.arrays import Array
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.touch.sensor import MM, POSITION_TERMS, SLOPE_TERMS, Box, Calibration, Sensor, pixel_centres
 
+TERMS_AT_ONCE = 5  # added in one loop
 FLAT = 1e-7  # m of indentation below which pixels at the ends of a row, also above and below, are not shaded
 
 
@@ -22,53 +23,73 @@ def shade_depth(
     *,
     direction: float,  # towards the lamp, rad from +x to +y
     slope: float,  # height over length of the lamp's rays, > 0
+    highest: float = math.inf,  # m: what is higher casts its shadow
 ) -> Array:  # (rows, cols) m, >= 0: below the edge of the shade, along the height
     """Compute how deep each point lies in the shade of a distant lamp, whose edge is carried from line to line, interpolated."""
     step_y, step_x = math.sin(direction) / pitch[0], math.cos(direction) / pitch[1]  # pixels per m towards the lamp
     swapped = abs(step_x) > abs(step_y)
-    image = np.ascontiguousarray(bump.T if swapped else bump)
     major, minor = (step_x, step_y) if swapped else (step_y, step_x)
-    if major > 0:
-        image = image[::-1].copy()
-    shade = np.empty_like(image)
-    _sweep(image, minor / abs(major), slope / abs(major), shade)
-    if major > 0:
-        shade = shade[::-1]
+    lines = np.ascontiguousarray(bump.T if swapped else bump)
+    shade = _sweep(lines, major > 0, minor / abs(major), slope / abs(major), highest)
     return shade.T if swapped else shade
 
 
 @compiled
-def _sweep(image: Array, shift: float, drop: float, shade: Array) -> None:
-    """Sweep from line 0, nearest to the lamp; the line before lies `shift` pixels aside, rays fall `drop` per line."""
+def _sweep(image: Array, backwards: bool, shift: float, drop: float, highest: float) -> Array:
+    """Sweep from the line nearest to the lamp, the last if backwards; each is `shift` pixels aside of that before, rays fall `drop`."""
     lines, length = image.shape
     offset = math.floor(shift)
     share = shift - offset
-    edge, padded = np.full(length, -drop), np.zeros(length + 4)
-    for line in range(lines):
-        row, out = image[line], shade[line]
+    shade, edge, padded = np.empty(image.shape), np.full(length, -drop), np.zeros(length + 4)
+    for number in range(lines):
+        line = lines - 1 - number if backwards else number
+        row, out, reached = image[line], shade[line], padded[2 : 2 + length]
         for i in range(length):
-            out[i] = max(edge[i] - row[i], 0.0)
-            padded[i + 2] = max(edge[i], row[i])
+            height = row[i] if row[i] < highest else highest
+            out[i] = edge[i] - height if edge[i] > height else 0.0
+            reached[i] = edge[i] if edge[i] > height else height
         near, far = padded[offset + 2 : offset + 2 + length], padded[offset + 3 : offset + 3 + length]
         for i in range(length):
             edge[i] = near[i] + share * (far[i] - near[i]) - drop
+    return shade
 
 
 def indentation_change(bump: Array, sensor: Sensor, calibration: Calibration) -> Array:  # (rows, cols, 3) levels
     """Compute the change of colours of a gel that lies below its rest by `bump` (rows, cols), m; 0 where it stays flat and lit."""
     change = np.zeros((*sensor.shape, 3))
-    casting = np.minimum(bump, calibration.deepest)
-    if bump.any():
-        x, y = fitted_positions(sensor, calibration.within)
-        shading = np.array(calibration.coefficients)
-        degrees = SLOPE_TERMS[shading.shape[1]], POSITION_TERMS[shading.shape[2]]
-        if calibration.depth is not None:
-            shading = np.concatenate([shading, MM * np.array(calibration.depth)[:, None]], axis=1)
-        _shade(bump, casting, sensor.pitch, x, y, shading, degrees, calibration.steepest, change)
-    for shadow in calibration.shadows if bump.any() else ():
-        depth = shade_depth(casting, sensor.pitch, direction=np.deg2rad(shadow.direction), slope=shadow.slope)
-        change += depth[:, :, None] * (MM * np.array(shadow.gain))
+    add_change(change, bump, sensor, calibration)
     return change
+
+
+def add_change(image: Array, bump: Array, sensor: Sensor, calibration: Calibration) -> None:
+    """Add `indentation_change` to an image (rows, cols, 3), levels."""
+    if not bump.any():
+        return
+    x, y = fitted_positions(sensor, calibration.within)
+    shading = np.array(calibration.coefficients)
+    degrees = SLOPE_TERMS[shading.shape[1]], POSITION_TERMS[shading.shape[2]]
+    depth = np.zeros((3, 1, shading.shape[2])) if calibration.depth is None else MM * np.array(calibration.depth)[:, None]
+    spare = np.zeros((3, -(shading.shape[1] + 1) % TERMS_AT_ONCE, shading.shape[2]))
+    shading = np.concatenate([shading, depth, spare], axis=1)
+    _shade(bump, calibration.deepest, sensor.pitch, x, y, shading, degrees, calibration.steepest, image)
+    for shadow in calibration.shadows:
+        angle = np.deg2rad(shadow.direction)
+        shade = shade_depth(bump, sensor.pitch, direction=angle, slope=shadow.slope, highest=calibration.deepest)
+        _cast(np.ascontiguousarray(shade), MM * np.array(shadow.gain), image)
+
+
+@compiled
+def _cast(shade: Array, gain: Array, image: Array) -> None:
+    """Add a shade (rows, cols), m, times the gain of each colour, levels per m, to an image (rows, cols, 3)."""
+    for row in range(len(shade)):
+        depth, first, last = shade[row], 0, shade.shape[1] - 1
+        while first <= last and depth[first] == 0:
+            first += 1
+        while last >= first and depth[last] == 0:
+            last -= 1
+        for col in range(first, last + 1):
+            for channel in range(3):
+                image[row, col, channel] += depth[col] * gain[channel]
 
 
 def fitted_positions(sensor: Sensor, within: Box | None) -> tuple[Array, Array]:  # x (cols,) and y (rows,), sensor widths
@@ -122,20 +143,18 @@ def polynomial_terms(x: Any, y: Any, degree: int) -> list[Any]:
 @compiled
 def _shade(
     bump: Array,  # (rows, cols) m
-    casting: Array,  # (rows, cols) m, at most the deepest that was fitted
+    deepest: float,  # that was fitted, m
     pitch: tuple[float, float],  # along y and x, m
     x: Array,  # (cols,) sensor widths
     y: Array,  # (rows,) sensor widths
-    shading: Array,  # (3, terms of the normal and, if there is one, the depth, terms of the position)
+    shading: Array,  # (3, terms of the normal, then the depth, then zeros up to a multiple of `TERMS_AT_ONCE`; terms of the position)
     degrees: tuple[int, int],  # in the normal and in the position
     steepest: float,
-    change: Array,  # (rows, cols, 3) changed in place
+    image: Array,  # (rows, cols, 3) changed in place
 ) -> None:
     """Add the change of colours at every pixel that is drawn in or next to one that is, row by row."""
     rows, cols = bump.shape
-    slopes, position_degree = degrees
-    terms = np.empty((shading.shape[1], cols))
-    light, local = np.empty(cols), np.empty(cols)
+    terms, light, factors = np.zeros((shading.shape[1], cols)), np.empty(cols), np.empty(shading.shape[1])
     for row in range(rows):
         above, below = max(row - 1, 0), min(row + 1, rows - 1)
         first, last = 0, cols - 1
@@ -146,42 +165,67 @@ def _shade(
         if first == cols:
             continue
         first, last = max(first - 1, 0), min(last + 1, cols - 1)
-        for col in range(first, last + 1):
-            left, right = max(col - 1, 0), min(col + 1, cols - 1)
-            slope_x = (bump[row, right] - bump[row, left]) / ((right - left) * pitch[1])
-            slope_y = (bump[below, col] - bump[above, col]) / ((below - above) * pitch[0])
-            squared = slope_x * slope_x + slope_y * slope_y
-            size = np.sqrt(1.0 + squared)
-            if squared > steepest * steepest * size * size:  # as tilted as the steepest that was fitted
-                size = np.sqrt(squared) / steepest
-            terms[0, col], terms[1, col] = slope_x / size, slope_y / size
-        number = 2
-        for degree in range(2, slopes + 1):  # each term is one of the degree before times nx, the last times ny
-            previous = number - degree
-            for k in range(degree + 1):
-                factor, source = (terms[0], terms[previous + k]) if k < degree else (terms[1], terms[number - 1])
-                into = terms[number + k]
-                for col in range(first, last + 1):
-                    into[col] = factor[col] * source[col]
-            number += degree + 1
-        if number < shading.shape[1]:  # the depth's own colours come last
-            for col in range(first, last + 1):
-                terms[number, col] = casting[row, col]
-        across = x[first : last + 1]
+        _fill_normals(bump[row], bump[above], bump[below], pitch[1], (below - above) * pitch[0], steepest, terms)
+        _fill_powers(degrees[0], bump[row], deepest, terms)
+        total, across = light[first : last + 1], x[first : last + 1]
         for channel in range(3):
-            total = light[first : last + 1]
             total[:] = 0.0
-            for term in range(shading.shape[1]):
-                value = local[first : last + 1]
-                value[:] = 0.0
-                for i in range(position_degree, -1, -1):  # Horner's rule in x; the coefficients are polynomials in y
-                    factor_y = 0.0
-                    for j in range(position_degree - i, -1, -1):
-                        factor_y = factor_y * y[row] + shading[channel, term, (i + j) * (i + j + 1) // 2 + j]
-                    for n in range(len(value)):
-                        value[n] = value[n] * across[n] + factor_y
-                term_values = terms[term, first : last + 1]
-                for n in range(len(value)):
-                    total[n] += term_values[n] * value[n]
+            for i in range(degrees[1], -1, -1):  # Horner's rule in x; the coefficients are polynomials in y
+                for term in range(shading.shape[1]):
+                    factors[term] = 0.0
+                    for j in range(degrees[1] - i, -1, -1):
+                        factors[term] = factors[term] * y[row] + shading[channel, term, (i + j) * (i + j + 1) // 2 + j]
+                for n in range(len(total)):
+                    total[n] *= across[n]
+                for k in range(0, len(factors), TERMS_AT_ONCE):
+                    _add_five(terms, factors, k, first, total)
             for n in range(len(total)):
-                change[row, first + n, channel] += total[n]
+                image[row, first + n, channel] += total[n]
+
+
+@compiled
+def _fill_normals(
+    here: Array,  # (cols,) m, a row
+    above: Array,  # the row before, or the row itself
+    below: Array,  # the row after, or the row itself
+    pitch: float,  # between columns, m
+    rise: float,  # between the rows above and below, m
+    steepest: float,
+    terms: Array,  # (terms, cols) whose first two are changed
+) -> None:
+    """Compute how far the normals of a row lean along x and y: as much as the steepest that was fitted, at most."""
+    last, normals_x, normals_y = len(here) - 1, terms[0], terms[1]
+    across, along, limit = 0.5 / pitch, 1 / rise, 1 / (steepest * steepest)
+    normals_x[0], normals_x[last] = (here[1] - here[0]) / pitch, (here[last] - here[last - 1]) / pitch
+    for col in range(1, last):
+        normals_x[col] = (here[col + 1] - here[col - 1]) * across
+    for col in range(last + 1):
+        slope_x, slope_y = normals_x[col], (below[col] - above[col]) * along
+        squared = slope_x * slope_x + slope_y * slope_y
+        share = 1 / np.sqrt(squared * limit if squared * limit > 1.0 + squared else 1.0 + squared)
+        normals_x[col], normals_y[col] = slope_x * share, slope_y * share
+
+
+@compiled
+def _fill_powers(highest: int, bump: Array, deepest: float, terms: Array) -> None:
+    """Compute the terms of the normal, up to a degree, from the first two, and the depth's after them."""
+    number = 2
+    for degree in range(2, highest + 1):  # each term is one of the degree before times nx, the last times ny
+        for k in range(degree + 1):
+            factor, source, into = terms[0 if k < degree else 1], terms[number - degree + min(k, degree - 1)], terms[number + k]
+            for col in range(len(into)):
+                into[col] = factor[col] * source[col]
+        number += degree + 1
+    into = terms[number]
+    for col in range(len(into)):
+        into[col] = bump[col] if bump[col] < deepest else deepest
+
+
+@compiled
+def _add_five(terms: Array, factors: Array, k: int, first: int, total: Array) -> None:
+    """Add five terms (terms, cols), from the k-th on, times their factors (terms,), in a part of the columns."""
+    end = first + len(total)
+    a, b, c, d, e = terms[k, first:end], terms[k + 1, first:end], terms[k + 2, first:end], terms[k + 3, first:end], terms[k + 4, first:end]
+    p, q, r, s, t = factors[k], factors[k + 1], factors[k + 2], factors[k + 3], factors[k + 4]
+    for n in range(len(total)):
+        total[n] += p * a[n] + q * b[n] + r * c[n] + s * d[n] + t * e[n]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.arrays import WHITE, Array
 from pipeline.kernels.compiled import compiled
-from pipeline.kernels.touch.calibrated_shading import indentation_change, polynomial_background
+from pipeline.kernels.touch.calibrated_shading import add_change, polynomial_background
 from pipeline.kernels.touch.depth_maps import gel_surface, press_gel
 from pipeline.kernels.touch.sensor import Calibration, Lights, Sensor
 
@@ -89,7 +89,8 @@ def render_gel(indentation: Array, sensor: Sensor, rng: np.random.Generator | No
         z = indentation / sensor.width
         _shade(rest + z if rest.any() else z, rest, sensor, image)
     else:
-        image = background(sensor, sensor.calibrated) + indentation_change(indentation, sensor, sensor.calibrated)
+        image = background(sensor, sensor.calibrated).copy()
+        add_change(image, indentation, sensor, sensor.calibrated)
     if rng is not None and sensor.noise != "none":
         image = image + rng.normal(0.0, sensor.noise, image.shape)
     return image if image.dtype == np.uint8 else _levels(np.ascontiguousarray(image))
@@ -97,9 +98,10 @@ def render_gel(indentation: Array, sensor: Sensor, rng: np.random.Generator | No
 
 @compiled
 def _levels(image: Array) -> NDArray[np.uint8]:
-    levels = np.empty(image.size, np.uint8)
-    for i, value in enumerate(image.flat):
-        levels[i] = np.uint8(np.rint(min(max(value, 0.0), float(WHITE))))
+    levels, values = np.empty(image.size, np.uint8), image.reshape(-1)
+    for i in range(len(values)):
+        value = values[i] if values[i] > 0 else 0.0
+        levels[i] = np.uint8(np.rint(value if value < WHITE else float(WHITE)))
     return levels.reshape(image.shape)
 
 

@@ -6,10 +6,10 @@ Valid range: cameras and points within 100 m of the origin, at least 1 mm apart.
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Self
+from typing import Annotated
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pipeline.entries import Entries
 from pipeline.kernels.arrays import Array, Floats
@@ -22,12 +22,13 @@ Focal = Annotated[float, Field(ge=1e-3, le=1e6)]
 Vector = tuple[float, float, float]
 
 MAX_RESOLUTION = 8192  # pixels per side of an image: graphics libraries draw no larger ones
+Side = Annotated[int, Field(ge=16, le=MAX_RESOLUTION)]
 FOCAL, SENSOR = 35.0, 32.0  # mm, of the renderings' camera: focal length, width; not the metadata's field of view
 FARTHEST = 1.75  # distance of the renderings' camera from the origin where the ratio is 1, units of the file
 
 
 class Camera(Entries):
-    """A square pinhole camera that looks along its own -z with +y up (OpenGL's and Blender's convention)."""
+    """A pinhole camera that looks along its own -z with +y up (OpenGL's and Blender's convention)."""
 
     position: tuple[Coordinate, Coordinate, Coordinate] = Field(description="optical centre, world frame, m")
     rotation: tuple[Angle, Angle, Angle] = Field(
@@ -35,22 +36,36 @@ class Camera(Entries):
     )
     focal: tuple[Focal, Focal] = Field(description="focal lengths (x, y), pixels")
     centre: tuple[Pixels, Pixels] = Field(description="principal point (column, row) from the image's top left corner, pixels")
-    resolution: int = Field(gt=0, le=MAX_RESOLUTION, description="pixels per side")
+    resolution: int = Field(
+        256, gt=0, le=MAX_RESOLUTION, description="of a square image, the pixels per side that `focal` and `centre` are in"
+    )
+    name: str = Field(pattern=r"^[A-Za-z0-9._-]{1,60}$", description="labels its images")
+    size: tuple[Side, Side] | None = Field(
+        None, description="columns and rows of its images, regardless of `render-vision.resolution`; by default square"
+    )
+
+    @model_validator(mode="after")
+    def _has_one_size(self) -> "Camera":
+        if self.size is not None and self.resolution != type(self).model_fields["resolution"].default:  # which a stored scene has
+            raise ValueError(f"resolution {self.resolution} and size {list(self.size)} are two sizes of one image; leave resolution out")
+        return self
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of its images."""
-        return self.resolution, self.resolution
+        return (self.resolution, self.resolution) if self.size is None else (self.size[1], self.size[0])
 
-    def with_resolution(self, resolution: int) -> Self:
-        """Return the camera with another number of pixels per side and the same field of view."""
+    def with_resolution(self, resolution: int) -> "Camera":
+        """Return the camera with another number of pixels per side and the same field of view; one with a `size` as it is."""
+        if self.size is not None:
+            return self
         if resolution < 1:
             raise ValueError(f"an image of {resolution} pixels per side shows nothing; ask for 1 or more")
         scale = resolution / self.resolution
         focal, centre = (tuple(scale * length for length in pair) for pair in (self.focal, self.centre))
         return self.model_copy(update={"focal": focal, "centre": centre, "resolution": resolution})
 
-    def zoomed(self, factor: float, at: Array | None = None) -> Self:
+    def zoomed(self, factor: float, at: Array | None = None) -> "Camera":
         """Return the camera with its focal lengths multiplied; what it sees at pixel `at` (2,), by default the centre, stays there."""
         moved = np.zeros(2) if at is None or not np.isfinite(at).all() else (factor - 1) * (np.array(self.centre) - at)
         focal, centre = (factor * self.focal[0], factor * self.focal[1]), tuple((np.array(self.centre) + moved).tolist())

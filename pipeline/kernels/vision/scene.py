@@ -1,12 +1,12 @@
 """Scenes: cameras, lamp, constant light and background; the labels of segmentation images."""
 
 from enum import IntEnum
-from typing import Annotated, Self
+from typing import Annotated
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field
 
 from pipeline.entries import Entries
-from pipeline.kernels.vision.camera import MAX_RESOLUTION, Camera, Coordinate
+from pipeline.kernels.vision.camera import Camera, Coordinate
 
 UnitInterval = Annotated[float, Field(ge=0, le=1)]
 Intensity = Annotated[float, Field(ge=0, le=1e6)]
@@ -32,37 +32,7 @@ class Lamp(Entries):
     color: tuple[UnitInterval, UnitInterval, UnitInterval] = Field(description="linear RGB, 0..1")
 
 
-Side = Annotated[int, Field(ge=16, le=MAX_RESOLUTION)]
-
-
-class NamedCamera(Camera):
-    """A camera of a scene; it looks along its own -z with +y up (OpenGL's and Blender's convention)."""
-
-    name: str = Field(pattern=r"^[A-Za-z0-9._-]{1,60}$", description="labels its images")
-    resolution: int = Field(
-        256, gt=0, le=MAX_RESOLUTION, description="of a square image, the pixels per side that `focal` and `centre` are in"
-    )
-    size: tuple[Side, Side] | None = Field(
-        None, description="columns and rows of its images, regardless of `render-vision.resolution`; by default square"
-    )
-
-    @model_validator(mode="after")
-    def _has_one_size(self) -> "NamedCamera":
-        if self.size is not None and self.resolution != type(self).model_fields["resolution"].default:  # which a stored scene has
-            raise ValueError(f"resolution {self.resolution} and size {list(self.size)} are two sizes of one image; leave resolution out")
-        return self
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of its images."""
-        return (self.resolution, self.resolution) if self.size is None else (self.size[1], self.size[0])
-
-    def with_resolution(self, resolution: int) -> Self:
-        """Return the camera with another number of pixels per side; a camera with a `size` stays as it is."""
-        return super().with_resolution(resolution) if self.size is None else self
-
-
-def _fit_together(cameras: tuple[NamedCamera, ...]) -> tuple[NamedCamera, ...]:
+def _fit_together(cameras: tuple[Camera, ...]) -> tuple[Camera, ...]:
     names = [camera.name for camera in cameras]
     if repeated := sorted({name for name in names if names.count(name) > 1}):
         raise ValueError(f"two cameras are called {repeated[0]}; rename one")
@@ -77,7 +47,7 @@ class Scene(Entries):
 
     name: str = Field(description="recorded in datasets")
     summary: str = Field(description="what it shows, in a sentence")
-    cameras: Annotated[tuple[NamedCamera, ...], Field(min_length=1), AfterValidator(_fit_together)] = Field(
+    cameras: Annotated[tuple[Camera, ...], Field(min_length=1), AfterValidator(_fit_together)] = Field(
         description="one or more, with images of one size; networks see the first camera's images"
     )
     depth: bool = Field(False, description="whether depth images are stored")
@@ -86,7 +56,7 @@ class Scene(Entries):
     background: tuple[UnitInterval, UnitInterval, UnitInterval] = Field(description="colour of the background, sRGB, 0..1")
 
     @property
-    def camera(self) -> NamedCamera:
+    def camera(self) -> Camera:
         """The first camera, whose images networks see."""
         return self.cameras[0]
 
@@ -95,4 +65,4 @@ class Scene(Entries):
         first = self.camera
         x, y = (resolution / min(first.shape) * length for length in first.focal)
         centre = (resolution / 2, resolution / 2)
-        return Camera(position=first.position, rotation=first.rotation, focal=(x, y), centre=centre, resolution=resolution)
+        return first.model_copy(update={"focal": (x, y), "centre": centre, "resolution": resolution, "size": None})

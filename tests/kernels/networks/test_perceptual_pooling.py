@@ -10,7 +10,14 @@ from torch import Tensor
 from pipeline.kernels.networks.image_encoder import NEAREST_DEPTH, MapGrid, pool_features, project_to_pixels
 from pipeline.kernels.vision.camera import Camera, project_points, projection_matrix
 
-SCENE = Camera(position=(0.972, 0.461, 0.974), rotation=(70.458, 4.94, 113.54), focal=(406.595, 406.595), centre=(128, 128), resolution=256)
+SCENE = Camera(
+    name="camera",
+    position=(0.972, 0.461, 0.974),
+    rotation=(70.458, 4.94, 113.54),
+    focal=(406.595, 406.595),
+    centre=(128, 128),
+    resolution=256,
+)
 
 
 def scene_camera() -> Tensor:

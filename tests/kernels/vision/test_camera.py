@@ -12,7 +12,7 @@ from pipeline.kernels.vision.camera import (
     projection_matrix,
     viewpoint_camera,
 )
-from pipeline.kernels.vision.scene import NamedCamera
+from pipeline.kernels.vision.scene import Camera
 from tests.kernels.vision.shapes import CENTRE, SCENE
 
 CAMERA = SCENE.camera
@@ -51,7 +51,7 @@ def test_points_just_in_front_of_the_camera_project() -> None:
 
 
 def test_square_camera_of_a_scene_covers_the_shorter_side_of_its_first_camera() -> None:
-    stated = NamedCamera(name="wide", position=(1, 0, 0.5), rotation=(90, 0, 90), focal=(700, 700), centre=(320, 240), size=(640, 480))
+    stated = Camera(name="wide", position=(1, 0, 0.5), rotation=(90, 0, 90), focal=(700, 700), centre=(320, 240), size=(640, 480))
     square = SCENE.model_copy(update={"cameras": (stated,)}).square_camera(96)
     assert square.shape == (96, 96)
     assert square.focal == pytest.approx((140, 140))

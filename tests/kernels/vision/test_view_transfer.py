@@ -16,14 +16,16 @@ from tests.strategies import random_rotation
 
 TARGET = np.array([0.0, 0.0, 0.6])
 TRAINING = projection_matrix(
-    Camera(position=(0.972, 0.461, 0.974), rotation=(70.458, 4.94, 113.54), focal=(406, 410), centre=(128, 131), resolution=256)
+    Camera(
+        name="camera", position=(0.972, 0.461, 0.974), rotation=(70.458, 4.94, 113.54), focal=(406, 410), centre=(128, 131), resolution=256
+    )
 )
 
 
 def seen_from(rng: np.random.Generator, azimuth: float, elevation: float, distance: float) -> np.ndarray:
     """Make a camera in a direction of the target, aimed roughly at it and rolled."""
     place = TARGET + distance * np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
-    plain = Camera(position=(0, 0, 0), rotation=(0, 0, 0), focal=(600, 610), centre=(320, 240), resolution=640)
+    plain = Camera(name="camera", position=(0, 0, 0), rotation=(0, 0, 0), focal=(600, 610), centre=(320, 240), resolution=640)
     aimed = projection_matrix(look_at(plain, tuple(place), tuple(TARGET + rng.uniform(-0.05, 0.05, 3))))
     intrinsic, rotation = split_projection(aimed)
     angle = rng.uniform(-np.pi, np.pi)

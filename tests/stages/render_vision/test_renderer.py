@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.vision.camera import Camera, camera_pose, look_at, project_points, projection_matrix
-from pipeline.kernels.vision.scene import Label, NamedCamera
+from pipeline.kernels.vision.scene import Label
 from stages.render_vision.renderer import CLOSE_PLANE, FAR_PLANE, RenderedImage, Renderer
 from tests.kernels.vision.shapes import CENTRE, HERE, SCENE, ball, box, card, half_turned, turned_over
 from tests.references.ray_cast import cast, cast_depth
@@ -54,7 +54,7 @@ def test_depth_of_ten_views_is_that_of_rays_in_float64(renderer, rng) -> None:
     thing = half_turned(ball(0.17))
     errors = []
     for _ in range(10):
-        camera = NamedCamera.model_validate(
+        camera = Camera.model_validate(
             SCENE.camera.model_dump(exclude={"resolution"}) | {"name": "a", "size": (200, 120), "centre": (100, 60)}
         )
         direction = rng.standard_normal(3)
@@ -170,6 +170,7 @@ def test_only_selected_meshes_are_rendered_at_their_poses(renderer) -> None:
     alone = renderer.render([(first, HERE)])
     assert set(np.unique(both.segmentation)) == {0, 1, 2}
     assert set(np.unique(alone.segmentation)) == {0, 1}
+    np.testing.assert_array_equal(renderer.render_colors([(first, HERE)]), alone.rgb)
     assert np.nonzero(both.segmentation == 2)[1].mean() > np.nonzero(both.segmentation == 1)[1].mean() + 40
     for part in (first, second):
         renderer.remove(part)
@@ -182,7 +183,7 @@ def test_renderers_are_independent(renderer) -> None:
     assert (seen(renderer, ball()).rgb == before.rgb).all()
 
 
-DOWN = Camera(position=(0.0, 0.0, 1.0), rotation=(0.0, 0.0, 0.0), focal=(64.0, 64.0), centre=(16.5, 16.5), resolution=33)
+DOWN = Camera(name="camera", position=(0.0, 0.0, 1.0), rotation=(0.0, 0.0, 0.0), focal=(64.0, 64.0), centre=(16.5, 16.5), resolution=33)
 SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float64)
 AMBIENT = np.array(SCENE.ambient)
 
