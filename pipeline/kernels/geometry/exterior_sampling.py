@@ -24,7 +24,7 @@ MIN_ESCAPES = 2  # escaping rays that make a point exterior
 CERTAIN_ESCAPES = 2 * MIN_ESCAPES  # on one side, and none on the other, that decide which is outside without a full count
 ENCLOSING = 8  # rays that look for closed bodies around a point, where of the first 16 none escapes
 RAY_OFFSET = 4e-6  # of a ray's start from the surface over the diagonal: beyond float32 rounding, below any real gap
-START = RAY_OFFSET / 8  # the same of those rays: a point may be nearer than `RAY_OFFSET` to the outside of a body
+START = RAY_OFFSET / 8  # the same of rays that look for closed bodies: a point may be nearer than `RAY_OFFSET` to the outside of one
 MAX_DRAWS = 200  # sampling fails when fewer than one of `MAX_DRAWS` points is exterior
 
 
@@ -58,14 +58,8 @@ class RayScene:
         ahead = np.einsum("nk,dk->nd", normals, directions) > 0
         return np.asarray((leaving & ahead).any(axis=1) & (leaving & ~ahead).any(axis=1))
 
-    def count_escapes(
-        self,
-        points: Array,  # (N, 3) on the surface
-        normals: Array,  # (N, 3) unit
-        own: Indices,  # (N,) face of each
-        directions: Array,
-    ) -> tuple[Indices, Indices]:  # (N,) each
-        """Count the rays that escape in front of and behind the surface.
+    def count_escapes(self, points: Array, normals: Array, own: Indices, directions: Array) -> tuple[Indices, Indices]:  # (N,) each
+        """Count the rays that escape in front of and behind the surface, at points (N, 3) on faces (N,) with unit normals (N, 3).
 
         Counts stop at `CERTAIN_ESCAPES` on one side and none on the other, and inside closed bodies; whether a point is exterior and where
         outside is are the full count's answers.
