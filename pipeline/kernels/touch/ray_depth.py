@@ -98,8 +98,8 @@ def cull_faces(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor) -> Array:  #
 @compiled
 def _cull(corners: Array, centre: Array, half: Array, rotation: Array, origin: Array, low: Array, high: Array) -> Array:
     """Select the faces whose boxes, in the world frame and then in the sensor's, meet a box (3,) to (3,) of the sensor frame."""
-    count, found = 0, np.empty(centre.shape[1], np.int64)
-    for face in range(len(found)):
+    kept, local = 0, np.empty(corners.shape)
+    for face in range(corners.shape[2]):
         meets = True
         for axis in range(3):
             at, reach = 0.0, 0.0
@@ -109,19 +109,14 @@ def _cull(corners: Array, centre: Array, half: Array, rotation: Array, origin: A
             if at - reach > high[axis] or at + reach < low[axis]:
                 meets = False
                 break
-        found[count] = face
-        count += meets
-    kept, local = 0, np.empty((3, 3, count))
-    for face in found[:count]:
-        meets = True
-        for axis in range(3):
+        for axis in range(3 if meets else 0):
             for corner in range(3):
                 x, y, z = (corners[0, corner, face] - origin[0], corners[1, corner, face] - origin[1], corners[2, corner, face] - origin[2])
                 local[axis, corner, kept] = rotation[0, axis] * x + rotation[1, axis] * y + rotation[2, axis] * z
             a, b, c = local[axis, :, kept]
             meets &= min(a, b, c) <= high[axis] and max(a, b, c) >= low[axis]
         kept += meets
-    return local[:, :, :kept]
+    return local[:, :, :kept].copy()
 
 
 def ray_depth(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor) -> Array:
