@@ -53,8 +53,9 @@ def impression(depth: np.ndarray, sensor: Sensor) -> Array:
     check_shape("depth", depth, *sensor.shape)
     if not (depth >= 0).all():
         raise ValueError("depth holds NaN or negative values; it must be 0 or more, and +inf where nothing is met")
-    pressed = np.subtract(gel_surface(sensor), depth, dtype=np.float64)
-    return np.maximum(pressed, 0.0, out=pressed)
+    pressed: Array = np.subtract(gel_surface(sensor), depth, dtype=np.float64)
+    np.maximum(pressed, 0.0, out=pressed)
+    return pressed
 
 
 def touch_success(depth: np.ndarray, sensor: Sensor) -> Mask:  # (...)

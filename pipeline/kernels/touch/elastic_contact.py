@@ -115,10 +115,10 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> PressedGel:
     unit_pressure[window] = window_pressure
     if share.shape != coarse.shape:
         indentation = _displacement(coarse.shape, coarse.shape, layer)(unit_pressure)
-    indentation, pressure = indentation * deepest, unit_pressure * (deepest * gel.modulus / (1 - gel.poisson**2))
+    surface, pressure = indentation * deepest, unit_pressure * (deepest * gel.modulus / (1 - gel.poisson**2))
     if factor > 1:
-        indentation, pressure = _refine(indentation, factor, sensor.shape), _spread(pressure, factor, pressed)
-    surface = np.where(pressed > 0, np.maximum(indentation, pressed), indentation)
+        surface, pressure = _refine(surface, factor, sensor.shape), _spread(pressure, factor, pressed)
+    surface = np.where(pressed > 0, np.maximum(surface, pressed), surface)
     return PressedGel(surface, pressure > 0, pressure)
 
 
