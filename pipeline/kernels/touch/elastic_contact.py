@@ -299,31 +299,26 @@ def _refine(coarse: Array, factor: int, shape: tuple[int, int]) -> Array:
     weights = np.stack(
         [t * (-0.5 + t * (1 - t / 2)), 1 + t * t * (-2.5 + 1.5 * t), t * (0.5 + t * (2 - 1.5 * t)), t * t * (-0.5 + t / 2)], axis=1
     )
+    for _ in range(2):  # beyond the first and last cells, along a line
+        coarse = np.pad(coarse, 1, mode="reflect", reflect_type="odd")
     fine = np.empty(shape)
     _refine_rows(coarse, np.floor(shares).astype(np.int64), weights, fine)
     return fine
 
 
 @compiled
-def _refine_rows(coarse: Array, starts: NDArray[np.int64], weights: Array, fine: Array) -> None:
-    """Interpolate between rows, then between columns; beyond the first and last ones, along a line."""
-    (rows, cols), factor = coarse.shape, len(starts)
-    line = np.empty(cols + 4)
+def _refine_rows(padded: Array, starts: NDArray[np.int64], weights: Array, fine: Array) -> None:
+    """Interpolate between rows, then between columns, of cells with two more on every side."""
+    factor, line = len(starts), np.empty(padded.shape[1])
     for row in range(fine.shape[0]):
         into, line[:] = fine[row], 0.0
         for k in range(4):
-            at, weight = row // factor + starts[row % factor] + k - 1, weights[row % factor, k]
-            near = min(max(at, 0), rows - 1)
-            inner = min(max(near + (near > at) - (near < at), 0), rows - 1)
-            cells, middle, beyond = coarse[near], line[2 : cols + 2], weight * abs(at - near)
-            for col in range(cols):
-                middle[col] += (weight + beyond) * cells[col] - beyond * coarse[inner, col]
-        for margin in range(1, 3):
-            line[2 - margin] = line[2] + margin * (line[2] - line[min(3, cols + 1)])
-            line[cols + 1 + margin] = line[cols + 1] + margin * (line[cols + 1] - line[max(cols, 2)])
+            cells, weight = padded[row // factor + starts[row % factor] + 1 + k], weights[row % factor, k]
+            for col in range(len(line)):
+                line[col] += weight * cells[col]
         for part in range(factor):
-            at, weight = line[starts[part] + 1 :], weights[part]
+            at, share = line[starts[part] + 1 :], weights[part]
             for cell in range((len(into) - part + factor - 1) // factor):
                 into[cell * factor + part] = (
-                    weight[0] * at[cell] + weight[1] * at[cell + 1] + weight[2] * at[cell + 2] + weight[3] * at[cell + 3]
+                    share[0] * at[cell] + share[1] * at[cell + 1] + share[2] * at[cell + 2] + share[3] * at[cell + 3]
                 )
