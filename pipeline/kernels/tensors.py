@@ -26,13 +26,11 @@ def check_intensities(name: str, images: Tensor) -> None:
 def draw_weights(network: nn.Module, generator: torch.Generator | None) -> None:
     """Draw He's normal weights for all convolutions and linear layers of a network, in place; biases are zero.
 
-    Layers are set in the order of their names. Equal generators give equal weights; None is torch's global one. Weights on the device
-    meta have no values to draw. (He et al., Delving Deep into Rectifiers, 2015: features keep their size through 25 layers of ReLU.)
+    Layers are set in the order of their names. Equal generators give equal weights; None is torch's global one.
+    (He et al., Delving Deep into Rectifiers, 2015: features keep their size through 25 layers of ReLU.)
     """
     for name, parameter in network.named_parameters():
-        if parameter.is_meta:
-            continue  # a draw would import torch's compiler, which takes as long as torch
-        if parameter.ndim > 1:
+        if parameter.ndim > 1 and not parameter.is_meta:  # a draw there imports torch's compiler, which takes as long as torch
             nn.init.kaiming_normal_(parameter, nonlinearity="relu", generator=generator)
         elif name.endswith("bias"):
             nn.init.zeros_(parameter)

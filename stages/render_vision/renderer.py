@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import import_module, resources
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -231,25 +231,20 @@ class Renderer(AbstractContextManager["Renderer"]):
         lamp: Vector | None = None,  # replaces the position of the scene's lamp, world frame, m
     ) -> RenderedImage:
         """Render only the given meshes."""
-        view = self._view(meshes, camera, lamp)
-        rgb = self._colors(meshes, view)
-        self._context.draw(meshes, view.uniforms, (0.0, 0.0, 0.0), view.shape, as_labels=True)
-        segmentation = np.ascontiguousarray(self._context.read_colors(view.shape)[..., 0])
-        depth = self._context.read_depth(view.shape, view.lens.znear, view.lens.zfar)
+        rgb, lens, uniforms = self._colors(meshes, camera or self._camera, lamp)
+        shape = rgb.shape[0], rgb.shape[1]
+        self._context.draw(meshes, uniforms, (0.0, 0.0, 0.0), shape, as_labels=True)
+        segmentation = np.ascontiguousarray(self._context.read_colors(shape)[..., 0])
+        depth = self._context.read_depth(shape, lens.znear, lens.zfar)
         return RenderedImage(rgb, segmentation, np.where(segmentation == Label.BACKGROUND, np.float32(np.inf), depth))
 
-    def render_colors(
-        self, meshes: Sequence[PosedMesh], camera: Camera | None = None, lamp: Vector | None = None
-    ) -> NDArray[np.uint8]:  # (R, C, 3)
-        """Render the colours that `render` gives, in half the time."""
-        return self._colors(meshes, self._view(meshes, camera, lamp))
+    def render_colors(self, meshes: Sequence[PosedMesh], camera: Camera | None = None, lamp: Vector | None = None) -> NDArray[np.uint8]:
+        """Render the colours that `render` gives, (R, C, 3), in half the time."""
+        return self._colors(meshes, camera or self._camera, lamp)[0]
 
-    def _colors(self, meshes: Sequence[PosedMesh], view: "_View") -> NDArray[np.uint8]:
-        self._context.draw(meshes, view.uniforms, self._background, view.shape, as_labels=False)
-        return np.ascontiguousarray(self._context.read_colors(view.shape)[..., :3])
-
-    def _view(self, meshes: Sequence[PosedMesh], camera: Camera | None, lamp: Vector | None) -> "_View":
-        camera = camera or self._camera
+    def _colors(
+        self, meshes: Sequence[PosedMesh], camera: Camera, lamp: Vector | None
+    ) -> tuple[NDArray[np.uint8], Any, dict[str, Array32]]:  # (R, C, 3), pyrender's camera, and the uniforms of further drawings
         pose, shape = camera_pose(camera), camera.shape
         lens = _gl_camera(self._context.pyrender, camera, _least_depth(meshes, pose))
         values = {
@@ -259,15 +254,9 @@ class Renderer(AbstractContextManager["Renderer"]):
             "point_lights[0].position": lamp or self._lamp_position,
             **self._light,
         }
-        return _View(shape, lens, {name: np.asarray(value, np.float32) for name, value in values.items()})
-
-
-class _View(NamedTuple):
-    """A camera and the lamps, for OpenGL."""
-
-    shape: tuple[int, int]  # rows, columns
-    lens: Any  # a `pyrender.Camera`
-    uniforms: dict[str, Array32]
+        uniforms = {name: np.asarray(value, np.float32) for name, value in values.items()}
+        self._context.draw(meshes, uniforms, self._background, shape, as_labels=False)
+        return np.ascontiguousarray(self._context.read_colors(shape)[..., :3]), lens, uniforms
 
 
 def _least_depth(meshes: Sequence[PosedMesh], pose_of_camera: Array) -> float:
