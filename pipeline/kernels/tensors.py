@@ -13,7 +13,7 @@ def network_input(images: Tensor, dtype: torch.dtype) -> Tensor:
     """Convert stored images (B, H, W, 3) uint8 to a network's input (B, 3, H, W) in [0, 1]; channels stay last in memory."""
     if images.dtype != torch.uint8 or images.ndim != 4 or images.shape[3] != COLOURS:
         raise ValueError(f"images are {tuple(images.shape)} {images.dtype}; stored images are (B, H, W, {COLOURS}) uint8")
-    return images.permute(0, 3, 1, 2).to(dtype) / WHITE
+    return images.permute(0, 3, 1, 2).to(dtype).div_(WHITE)
 
 
 def check_intensities(name: str, images: Tensor) -> None:
