@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 
 from pipeline.kernels.arrays import Array, Array32, Floats, Indices, Mask
+from pipeline.kernels.metrics.cloud_distances import search_tree
 
 COARSE = (32, 256)  # points by which clouds are compared, level by level, before all points are
 ROUNDING = 1 - 1e-9  # factor that keeps a bound below its distance despite rounding
@@ -27,7 +28,7 @@ class RetrievalCloud:
     @cached_property
     def tree(self) -> "scipy.spatial.cKDTree":
         """The search tree of the points."""
-        return scipy.spatial.cKDTree(self.points)
+        return search_tree(self.points)
 
     @cached_property
     def coarse(self) -> tuple[tuple[Floats, Indices, Array], ...]:
@@ -35,7 +36,7 @@ class RetrievalCloud:
         levels = []
         for count in COARSE:
             points = self.points[np.linspace(0, len(self.points) - 1, min(count, len(self.points))).astype(int)]
-            distances, nearest = scipy.spatial.cKDTree(points).query(self.points)
+            distances, nearest = search_tree(points).query(self.points)
             levels.append((points, nearest, distances))
         return tuple(levels)
 
