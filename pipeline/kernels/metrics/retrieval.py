@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 
 import numpy as np
 import scipy
@@ -10,7 +10,8 @@ import scipy
 from pipeline.kernels.arrays import Array, Array32, Floats, Indices, Mask
 from pipeline.kernels.metrics.cloud_distances import search_tree
 
-COARSE = (32, 256)  # points by which clouds are compared, level by level, before all points are
+SITES = 12  # per side of the grid around many clouds, by which most are excluded at once
+COARSE = (256,)  # points by which clouds are compared, level by level, before all points are
 ROUNDING = 1 - 1e-9  # factor that keeps a bound below its distance despite rounding
 
 
@@ -49,15 +50,38 @@ class RetrievalCloud:
         return float(np.square(bounds).mean()) * ROUNDING
 
 
+class SearchedClouds:
+    """Clouds among which the nearest to a query is searched, with their distances from a grid of sites around all of them."""
+
+    def __init__(self, clouds: Sequence[RetrievalCloud]) -> None:
+        self.clouds = clouds
+        low, high = (edge([edge(cloud.points, axis=0) for cloud in clouds], axis=0) for edge in (np.min, np.max))
+        self.sites = np.stack(np.meshgrid(*np.linspace(low, high, SITES).T), axis=-1).reshape(-1, 3)
+        self._tree = search_tree(self.sites)
+        self._gaps = np.stack([cloud.tree.query(self.sites)[0] for cloud in clouds])  # (cloud, site) to the nearest point
+        self._places = [self._tree.query(cloud.points) for cloud in clouds]  # of each point, distance from the nearest site, and its number
+
+    def bounds(self, query: RetrievalCloud, *, both: bool) -> Array:  # (cloud,)
+        """Compute lower bounds of a query's distances, see `nearest_cloud`, by the triangle inequality over the nearest sites."""
+        apart, site = self._tree.query(query.points)
+        bounds = np.square(np.maximum(self._gaps[:, site] - apart, 0.0)).mean(axis=1)
+        if both:
+            gaps = query.tree.query(self.sites)[0]
+            bounds += [np.square(np.maximum(gaps[site] - apart, 0.0)).mean() for apart, site in self._places]
+        return np.asarray(bounds * ROUNDING)
+
+
 def nearest_cloud(
     query: RetrievalCloud,
-    clouds: Sequence[RetrievalCloud],  # in the query's frame
+    searched: SearchedClouds,  # in the query's frame
     *,
     both: bool,  # the Chamfer distance, or the mean squared distance from the query's points alone
     below: float = np.inf,  # only a smaller distance counts
 ) -> tuple[float, int] | None:  # distance, in the square of the clouds' unit, and number of the first cloud that has it
     """Find the cloud nearest to a query, as a comparison with all would, to the bit: the least bound is refined until it is exact."""
-    queue = [(0.0, False, number, 0) for number in range(len(clouds))]  # bound, whether it is the distance, cloud, level
+    clouds = searched.clouds
+    queue = [(bound, False, number, 0) for number, bound in enumerate(searched.bounds(query, both=both).tolist())]
+    heapify(queue)  # of bound, whether it is the distance, cloud, level
     while queue:
         bound, exact, number, level = heappop(queue)
         if bound >= below:
