@@ -1,5 +1,6 @@
 """`python -m pipeline` is `vt-pipeline`."""
 
+import gc
 import os
 import signal
 
@@ -18,6 +19,7 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup and a shell's background jobs ask for
             signal.signal(number, _end)
+    gc.set_threshold(10_000, 20, 20)  # imports make a million objects that stay; collections among them took an eighth of `predict`
     from pipeline.cli import app
 
     app()

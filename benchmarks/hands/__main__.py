@@ -26,7 +26,7 @@ ENOUGH, HANDS = 60.0, 5
 
 
 def main() -> None:
-    """Run the stages of a dataset once per hand; exit with status 1 where too few hands touch enough."""
+    """Run the stages of a dataset once per hand; exit with status 1 where a command fails, or too few hands touch enough."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("hands", nargs="*", default=sorted(path.stem for path in HERE.glob("*.yaml")), help="names of hand files here")
     parser.add_argument("--site-packages", type=Path, action="append", required=True, help="where the wheels are installed")
@@ -38,14 +38,19 @@ def main() -> None:
     options.data.mkdir(parents=True, exist_ok=True)
     columns = ["fingers", "sensors", "joints", "loaded in, s", "minutes", "peak, MB", "objects", "failed"]
     columns += ["% of touches", "% of attempts, mean over objects"]
-    table, reached = Table("Hands of others", columns), 0
+    table, reached, failures = Table("Hands of others", columns), 0, list[str]()
     for name in options.hands:
         path = _installed(name, options.site_packages, options.data)
         began = time.perf_counter()
         hand = load_hand(path)
         seconds = round(time.perf_counter() - began, 1)
         began = time.perf_counter()
-        touches, peak = _run(path, options.data / name, options)
+        try:
+            touches, peak = _run(path, options.data / name, options)
+        except subprocess.CalledProcessError as error:
+            failures.append(f"{name}: {error}")
+            print(failures[-1], flush=True)
+            continue
         minutes = round((time.perf_counter() - began) / 60, 1)
         objects, share, tried = len(touches), "–", "–"
         if objects:
@@ -54,8 +59,10 @@ def main() -> None:
             reached += success >= ENOUGH
         failed = len(list(DataDirectory(options.data / name).collection(GRASPS))) - objects
         table.add(name, len(hand.fingers), len(hand.sensors), len(hand.joint_names), seconds, minutes, peak, objects, failed, share, tried)
-    print(table.markdown(f"{reached} of {len(table.rows)} hands reach {ENOUGH:g} % of successful touches."))
-    if len(table.rows) >= HANDS > reached:
+    print(table.markdown(f"{reached} of {len(options.hands)} hands reach {ENOUGH:g} % of successful touches."))
+    if failures:
+        sys.exit("\n".join(failures))
+    if len(options.hands) >= HANDS > reached:
         sys.exit(1)
 
 
@@ -77,14 +84,14 @@ def _run(hand: Path, data: Path, options: argparse.Namespace) -> tuple[Sequence[
 
 
 def _peak(command: list[str], cwd: Path | None = None) -> int:
-    """Run a command to its end; return the peak memory of its largest process, MB."""
+    """Run a command to its end, which must be success; return the peak memory of its largest process, MB."""
     process, peak = psutil.Popen(command, cwd=cwd), 0
     while process.poll() is None:
         with suppress(psutil.Error):
             peak = max([peak, *(member.memory_info().rss for member in (process, *process.children(recursive=True)))])
         time.sleep(0.1)
     if process.returncode:
-        sys.exit(f"{' '.join(command)} ended with status {process.returncode}")
+        raise subprocess.CalledProcessError(process.returncode, " ".join(command))
     return round(peak / 1e6)
 
 

@@ -50,7 +50,7 @@ def _render() -> str:
 
     scene = load_scene("supplement")
     with Renderer(scene, 16) as renderer:
-        image = renderer.render([]).rgb
+        image = renderer.render_colors([])
     return f"{image.shape[0]} × {image.shape[1]} pixels, camera {projection_matrix(scene.camera).shape}"
 
 

@@ -30,7 +30,7 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import LinkOverlap, frequent_overlaps, remedy
 from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.physics.hand_urdf import inertia_notes
+from pipeline.physics.hand_urdf import GEARED_INERTIA, geared_links, inertia_notes
 from pipeline.physics.simulation import Simulation
 from pipeline.rng import numpy_rng
 from stages.simulate_grasps.grasp_search import GraspSearch
@@ -164,6 +164,8 @@ def _convex_notes(hand: Hand) -> Iterator[str]:
 
 def _notes(hand: Hand) -> Iterator[str]:
     yield from inertia_notes(hand)
+    if geared := [hand.links[link].name for link in sorted(geared_links(hand))]:
+        yield f"as a URDF states no inertia of rotors, {GEARED_INERTIA:g} kg m² are added to links of coupled joints: {abbreviate(geared)}"
     if unseen := [link.name for link in hand.links if link.collisions and not link.visuals]:
         yield f"camera images do not show links that have collision shapes and no visual: {abbreviate(unseen)}"
     yield from (f"warning: {sentence}" for sentence in ignored_limits(hand))

@@ -114,7 +114,7 @@ class SecondSide:
         return self._outlined(image, camera)
 
     def _render(self, meshes: Sequence[PosedMesh], camera: Camera) -> Picture:
-        return self.pictures.renderer.render(meshes, camera, lamp_beside(self.pictures.scene, camera)).rgb
+        return self.pictures.renderer.render_colors(meshes, camera, lamp_beside(self.pictures.scene, camera))
 
     def _outlined(self, image: Picture, camera: Camera) -> Picture:
         """Draw the gels' squares over an image: smooth lines in their colours on a white rim."""

@@ -23,7 +23,7 @@ FILL = 0.92
 def render_mesh(renderer: Renderer, mesh: Mesh, camera: Camera | None = None) -> NDArray[np.uint8]:  # (rows, cols, 3)
     """Render a mesh alone, with a camera or the renderer's own."""
     with renderer.added(mesh, Label.OBJECT) as handle:
-        return renderer.render([(handle, np.eye(4))], camera).rgb
+        return renderer.render_colors([(handle, np.eye(4))], camera)
 
 
 def fitted_camera(

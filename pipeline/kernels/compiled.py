@@ -1,10 +1,17 @@
 """Compilation of loops that numpy could only express with large temporary arrays."""
 
+import sys
 from collections.abc import Callable
-from functools import cached_property, update_wrapper
+from contextvars import ContextVar
+from functools import cached_property, update_wrapper, wraps
 from typing import Any, TypeVar, cast
 
+import numpy as np
+
 F = TypeVar("F", bound=Callable[..., object])
+
+_uncompiled = ContextVar("_uncompiled", default=False)
+"""Whether compiled functions that are called run as Python."""
 
 
 def compiled(function: F) -> F:
@@ -18,6 +25,23 @@ def compiled(function: F) -> F:
     return cast(F, _Compiled(function))
 
 
+def for_few(function: F) -> F:
+    """Run a compiled function, for few numbers, as Python where numba is not imported: that takes half a second and 100 MB."""
+
+    @wraps(function)
+    def run(*arguments: object) -> object:
+        if "numba" in sys.modules:
+            return function(*arguments)
+        before = _uncompiled.set(True)
+        try:
+            with np.errstate(all="ignore"):
+                return function(*arguments)
+        finally:
+            _uncompiled.reset(before)
+
+    return cast(F, run)
+
+
 class _Compiled:
     """A function that numba compiles when it is first called, here or by another compiled one: importing numba takes half a second."""
 
@@ -26,7 +50,7 @@ class _Compiled:
         update_wrapper(self, function)
 
     def __call__(self, *arguments: object) -> object:
-        return self._dispatcher(*arguments)
+        return (self.py_func if _uncompiled.get() else self._dispatcher)(*arguments)
 
     @property
     def _numba_type_(self) -> Any:

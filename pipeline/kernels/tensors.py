@@ -18,8 +18,8 @@ def network_input(images: Tensor, dtype: torch.dtype) -> Tensor:
 
 def check_intensities(name: str, images: Tensor) -> None:
     """Refuse floating images whose values leave [0, 1], such as images not divided by 255; `name` is for messages."""
-    if not bool(((images >= 0) & (images <= 1)).all()):  # NaN is neither
-        low, high = images.detach().aminmax()
+    low, high = images.detach().aminmax() if images.numel() else (0, 1)
+    if not (low >= 0 and high <= 1):  # NaN is neither
         raise InvalidInput(f"{name} reach from {low:g} to {high:g}; floating images must lie in [0, 1]: divide by {WHITE}")
 
 

@@ -24,6 +24,7 @@ MIN_MOMENT = 1e-9  # kg m², least moment of inertia that is estimated
 ROUNDED = 0.01  # share by which the largest moment of inertia may exceed the sum of the two others, which no body's does: files round
 LEAST_GYRATION = 0.01  # least possible radius of gyration over the diagonal of a link's box: a rod has 0.29, no body more than 1
 GEL_MASS = 0.02  # kg, of a gel's plate: a lighter one swings on its spring faster than steps of 1/240 s can follow
+GEARED_INERTIA = 1e-4  # kg m², of the rotors that move coupled joints: 1e-8 kg m² behind a gear of 100 to 1; URDF has no place for it
 FOLLOWER_SLACK = 0.1  # rad (m) beyond its leader's limits that a following joint is free to move, so that the limits do not conflict
 
 
@@ -31,11 +32,12 @@ def write_hand_urdf(hand: Hand, folder: Path, sensors: Sequence[Sensor] = ()) ->
     """Write a hand's URDF and its collision meshes, as convex OBJ files, into a folder.
 
     Visuals are left away, every link has a mass and an inertia that a body can have, frozen joints are fixed, and a joint that follows
-    another one is as free as that one. With the sensors of its mounts, each has a plate that slides along its normal.
+    another one is as free as that one. The links of both have the inertia of rotors too: without it, links of a few grams give way before
+    the solver of PyBullet has found the force of the gear. With the sensors of its mounts, each has a plate that slides along its normal.
     """
-    robot = Element("robot", name=hand.name)
+    robot, geared = Element("robot", name=hand.name), geared_links(hand)
     for number, link in enumerate(hand.links):
-        _add_link(robot, link, folder / f"link-{number}")
+        _add_link(robot, link, folder / f"link-{number}", rotors=GEARED_INERTIA if number in geared else 0.0)
     for joint in hand.joints:
         _add_joint(robot, joint, hand)
     for number, sensor in enumerate(sensors):
@@ -44,6 +46,12 @@ def write_hand_urdf(hand: Hand, folder: Path, sensors: Sequence[Sensor] = ()) ->
     path = folder / "hand.urdf"
     ElementTree(robot).write(path)
     return path
+
+
+def geared_links(hand: Hand) -> set[int]:
+    """Find the links whose rotation another joint follows, or that follow one."""
+    pairs = ((hand.joint_links[follower.entry], follower.link) for follower in hand.followers)
+    return {link for pair in pairs for link in pair if hand.joints[link - 1].kind != "prismatic"}
 
 
 def inertia_notes(hand: Hand) -> list[str]:
@@ -69,9 +77,10 @@ def gel_name(number: int) -> str:
     return f"gel of sensor {number}"
 
 
-def _add_link(robot: Element, link: Link, stem: Path) -> None:
-    element = SubElement(robot, "link", name=link.name)
-    _add_inertial(element, _estimated(link))
+def _add_link(robot: Element, link: Link, stem: Path, *, rotors: float) -> None:
+    element, body = SubElement(robot, "link", name=link.name), _estimated(link)
+    xx, xy, xz, yy, yz, zz = body.moments or ()
+    _add_inertial(element, replace(body, moments=(xx + rotors, xy, xz, yy + rotors, yz, zz + rotors)))  # about all axes: no body has one
     numbered = sorted(enumerate(link.collisions), key=lambda item: item[1].kind == "mesh")  # results depend on the order, by chance
     for number, shape in numbered:
         collision = SubElement(element, "collision")

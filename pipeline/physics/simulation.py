@@ -2,6 +2,7 @@
 
 import os
 import sys
+from collections import deque
 from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import lru_cache
@@ -44,6 +45,10 @@ GEAR_ERP, CHAIN_ERP = 0.5, 5.0
 At a tenth per step, a joint that follows one further up its own finger sags under its links' weight by more than `GEAR_SLACK`."""
 HULL_MARGIN = 0.001  # m by which Bullet thickens the convex shapes of a URDF
 GEAR_SLACK = 0.01  # rad by which a following joint may be off when the fingers rest: 0.5 mm at the end of 50 mm
+TREMOR, TREMOR_STEPS = 0.005, 48
+"""rad within which the joints of a hand with gears may tremble, and steps of 1/240 s that they stay there, to count as resting.
+
+Gear, motors and contact correct each other in turns, for ever if the contact moves from one edge of a face to the next: by 0.002 rad."""
 SLIDE = 10.0  # rad/m, by which motions of prismatic joints are compared with rotations: a point 0.1 m from the axis moves as far
 MIN_STEPS = 20  # steps before a hand can count as resting: it starts at rest
 CHECK_EVERY = 10  # steps between two samples of the joints
@@ -145,13 +150,22 @@ class HandBody:
         speeds = [weight * abs(state[1]) for weight, state in zip(self._weights, states, strict=True)]
         return np.array([state[0] for state in states]), max(speeds)
 
-    def gears_hold(self, angles: Array) -> bool:
-        """Return whether every following joint is where its leader puts it."""
-        for follower, joint in zip(self.hand.followers, self._followers, strict=True):
-            error = self.client.getJointState(self.body, joint)[0] - follower.of(angles)
-            if abs(error) * _weight(self.hand, follower.link) > GEAR_SLACK:
-                return False
-        return True
+    def posture(self) -> Array:
+        """Read all joints, (J + G,): the joint vector, then those that follow, rad (m)."""
+        return np.array([state[0] for state in self.client.getJointStates(self.body, [*self.motors, *self._followers])])
+
+    def gears_hold(self, posture: Array) -> bool:
+        """Return whether in a posture (J + G,) every following joint is where its leader puts it."""
+        angles, following = np.split(posture, [len(self.motors)])
+        return all(
+            abs(angle - follower.of(angles)) * _weight(self.hand, follower.link) <= GEAR_SLACK
+            for follower, angle in zip(self.hand.followers, following, strict=True)
+        )
+
+    def trembles(self, postures: Array) -> bool:
+        """Return whether all joints of a hand with gears stay where they are in postures (T, J + G), but for a tremor."""
+        weights = [*self._weights, *(_weight(self.hand, follower.link) for follower in self.hand.followers)]
+        return len(postures) == TREMOR_STEPS and bool((np.ptp(postures, axis=0) * weights).max() <= TREMOR)
 
 
 def _weight(hand: Hand, link: int) -> float:
@@ -205,12 +219,21 @@ class Simulation(HandPhysics):
         max_steps: int,  # of 1/240 s
         resting_speed: float,  # rad/s, below which all joints count as resting; those that slide, below a tenth of it in m/s
     ) -> tuple[Array, bool]:
-        """Close the fingers from one posture towards another; return the joint angles (J,), and whether they came to rest in time."""
-        self._body.set_pose(hand_pose, start, target)
+        """Close the fingers from one posture towards another; return the joint angles (J,), and whether they came to rest in time.
+
+        A hand with gears rests in the mean of a tremor.
+        """
+        body, recent = self._body, deque[Array](maxlen=TREMOR_STEPS)
+        body.set_pose(hand_pose, start, target)
         for step in range(1, max_steps + 1):
             self.client.stepSimulation()
+            if self.hand.followers:
+                recent.append(body.posture())
             if step >= MIN_STEPS and (step % CHECK_EVERY == 0 or step == max_steps):
-                angles, speed = self._body.joint_states()
+                angles, speed = body.joint_states()
                 if speed < resting_speed:
-                    return angles, self._body.gears_hold(angles)
-        return self._body.joint_states()[0], False
+                    return angles, body.gears_hold(body.posture())
+                if recent and body.trembles(np.array(recent)):
+                    mean = np.mean(recent, axis=0)
+                    return mean[: len(angles)], body.gears_hold(mean)
+        return body.joint_states()[0], False

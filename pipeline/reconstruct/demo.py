@@ -80,7 +80,7 @@ def draw_turntable(truth: Mesh, reconstruction: Mesh, path: Path) -> None:
         cameras, views = _orbit(scene.camera.with_resolution(PIXELS), truth.vertices), []
         for mesh in (truth, reconstruction):
             with renderer.added(mesh, Label.OBJECT) as handle:
-                views.append([renderer.render([(handle, np.eye(4))], camera).rgb for camera in cameras])
+                views.append([renderer.render_colors([(handle, np.eye(4))], camera) for camera in cameras])
         frames = [Image.fromarray(np.concatenate(pair, axis=1)) for pair in zip(*views, strict=True)]
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=MILLISECONDS, loop=0, quality=80)
 

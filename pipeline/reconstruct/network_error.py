@@ -13,8 +13,6 @@ from pipeline.reconstruct.observation_reader import ObservationReader
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import exists
 from pipeline.store.validate import check_origins
-from stages.evaluate.baselines import BASELINE_PREFIX, LABELS, retrieved_by
-from stages.evaluate.evaluation_files import evaluation_name, read_figures
 
 
 def error_note(reader: ObservationReader) -> str:
@@ -35,8 +33,13 @@ def error_note(reader: ObservationReader) -> str:
 
 def _by_evaluation(reader: ObservationReader, name: str) -> str | None:
     """Compare the mean distance with that of the training object retrieved by the same inputs; None if the network was not evaluated."""
+    if reader.models.name != "models":
+        return None
+    from stages.evaluate.baselines import BASELINE_PREFIX, LABELS, retrieved_by
+    from stages.evaluate.evaluation_files import evaluation_name, read_figures
+
     directory, evaluated = DataDirectory(reader.models.parent), evaluation_name(reader.training_seed)
-    if reader.models.name != "models" or not exists(directory.folder_record(evaluated)):
+    if not exists(directory.folder_record(evaluated)):
         return None
     try:
         check_origins(directory, [evaluated])

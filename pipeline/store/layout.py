@@ -12,7 +12,7 @@ from numcodecs import blosc
 
 from schemas.base import FIXED, INDEXED_DIMS, Array, Artifact
 
-if TYPE_CHECKING:  # Zarr takes a third of a second to import, and only what writes or validates needs it
+if TYPE_CHECKING:  # Zarr takes a third of a second to import, and only validation needs it
     from pydantic_zarr.v3 import ArraySpec
 
     from pipeline.store.stored_array import StoredArray
@@ -28,32 +28,32 @@ LEVEL = 5
 SMALL_CHUNK = 16 * 1024
 """Bytes below which splitting further costs more in headers than it saves in reading."""
 
-_CHUNK_KEYS: Any = {"name": "default", "configuration": {"separator": "/"}}
-_FILL: dict[str, Any] = {"bool": False, "string": ""}
-
 
 def numpy_dtype(array: Array) -> np.dtype[Any]:
     """Return the little-endian numpy dtype of a declared array; object for strings."""
     return np.dtype(object) if array.dtype == "string" else np.dtype(array.dtype).newbyteorder("<")
 
 
+def array_metadata(array: Array, shape: tuple[int, ...]) -> dict[str, Any]:
+    """Describe how an array of this declaration and shape is laid out on disk, as its `zarr.json` does."""
+    equation = {"equation": array.equation} if array.equation else {}
+    return {
+        "shape": [*shape],
+        "data_type": array.dtype,
+        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [*chunking(array, shape)[0]]}},
+        "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
+        "fill_value": "" if array.dtype == "string" else numpy_dtype(array).type().item(),
+        "codecs": array_codecs(array, shape),
+        "attributes": {"units": array.units, "description": array.description, **equation},
+        "dimension_names": [*array.dims],
+    }
+
+
 def array_spec(array: Array, shape: tuple[int, ...]) -> "AnyArray":
-    """Specify how an array of this declaration and shape is laid out on disk."""
+    """Specify an array for Zarr."""
     from pydantic_zarr.v3 import ArraySpec
 
-    attributes = {"units": array.units, "description": array.description}
-    if array.equation:
-        attributes["equation"] = array.equation
-    return ArraySpec(
-        attributes=attributes,
-        shape=shape,
-        data_type=array.dtype,
-        chunk_grid={"name": "regular", "configuration": {"chunk_shape": chunking(array, shape)[0]}},
-        chunk_key_encoding=_CHUNK_KEYS,
-        fill_value=_FILL.get(array.dtype, 0),
-        codecs=array_codecs(array, shape),
-        dimension_names=array.dims,
-    )
+    return ArraySpec(**array_metadata(array, shape))
 
 
 def array_codecs(array: Array, shape: tuple[int, ...]) -> Any:
@@ -110,7 +110,7 @@ def schema_name(path: str) -> str:
     return "/".join((parts[0], parts[-1])) if len(parts) == 3 else path
 
 
-def schema_violations(artifact: Artifact, arrays: "Mapping[str, AnyArray]") -> Iterator[str]:
+def schema_violations(artifact: Artifact, arrays: "Mapping[str, AnyArray | StoredArray]") -> Iterator[str]:
     """List the violations of a schema by a group's arrays, given by path, one line each with array and reason."""
     for name, array in artifact.arrays.items():
         if name not in arrays and not array.optional:

@@ -1,10 +1,11 @@
 """Write and publish outputs: each version of a shard or folder has a new name, and its record then names it."""
 
 import hashlib
+import json
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,26 +13,13 @@ from pipeline.errors import StoreError
 from pipeline.store.atomic import move_folder, replace_version, version_of
 from pipeline.store.directory import DataDirectory, versioned
 from pipeline.store.garbage import collect, mark_replaced
-from pipeline.store.layout import (
-    OBJECTS_PER_FILE,
-    array_spec,
-    decode_array,
-    numpy_dtype,
-    schema_name,
-    schema_violations,
-)
+from pipeline.store.layout import OBJECTS_PER_FILE, array_metadata, encode_array, schema_name, schema_violations
 from pipeline.store.record import FolderRecord, Provenance, RowRecord, ShardRecord, named_location, serialise_with_checksum
 from pipeline.store.rows import Result, Row, RowFiles
 from pipeline.store.storage import Location, files_below, remove
-from pipeline.store.stored_array import write_file
+from pipeline.store.stored_array import StoredArray, write_constant, write_file
 from pipeline.store.temporary import local_copy
 from schemas.base import COMMON, FIXED, Artifact
-
-if TYPE_CHECKING:
-    from zarr.core.group import GroupMetadata
-    from zarr.core.metadata.v3 import ArrayV3Metadata
-
-    from pipeline.store.layout import AnyArray
 
 
 def commit_shard(
@@ -123,50 +111,49 @@ def write_group(
     At most `OBJECTS_PER_FILE` encoded rows are held at a time. Files without chunks are written too: one that is
     missing later was lost.
     """
-    import zarr
-    from zarr.core.group import GroupMetadata
-    from zarr.core.metadata.v3 import ArrayV3Metadata
-    from zarr.storage import LocalStore
-
     shapes = _group_shapes(artifact, rows, results, constants)
-    specs: dict[str, AnyArray] = {}
-    for name, shape in shapes.items():
-        if (declaration := artifact.of(schema_name(name))) is None:
-            raise ValueError(f"{artifact.name} has no array {name}; its schema names {sorted(artifact.arrays)}")
-        specs[name] = array_spec(declaration, shape)
-    if violations := list(schema_violations(artifact, specs)):
+    declared = {name: artifact.of(schema_name(name)) for name in shapes}
+    if unknown := [name for name, array in declared.items() if array is None]:
+        raise ValueError(f"{artifact.name} has no array {unknown[0]}; its schema names {sorted(artifact.arrays)}")
+    metadata = {name: _metadata("array", **array_metadata(array, shapes[name])) for name, array in declared.items() if array}
+    stored = {name: StoredArray.open(path / name, content) for name, content in metadata.items()}
+    if violations := list(schema_violations(artifact, stored)):
         raise StoreError(f"{path} does not fit its schema, so it is not published: {'; '.join(violations)}")
     shutil.rmtree(path, ignore_errors=True)
-    digests = {"": _write_metadata(path, GroupMetadata(dict(attributes)))}
-    for folder in sorted({str(parent) for name in specs for parent in Path(name).parents[:-1]}):
-        _write_metadata(path / folder, GroupMetadata({}))
-    for name, spec in specs.items():
-        digests[name] = _write_metadata(path / name, ArrayV3Metadata.from_dict(spec.model_dump()))
-    stacked = {name: shape for name, shape in shapes.items() if "/" not in name and name not in (*COMMON, *constants)}
-    strings: dict[str, Any] = {name: [] for name in stacked if artifact.arrays[name].dtype == "string"}
+    folders = {str(parent) for name in shapes for parent in Path(name).parents[:-1]}
+    metadata |= {"": _metadata("group", attributes=attributes), **dict.fromkeys(folders, _metadata("group", attributes={}))}
+    for name, content in metadata.items():
+        (path / name).mkdir(parents=True, exist_ok=True)
+        (path / name / "zarr.json").write_bytes(content)
+    for name, values in constants.items():
+        write_constant(path.joinpath(name, "c", *["0"] * values.ndim), artifact.arrays[name], values)
+    stacked = {name: shape for name, shape in shapes.items() if "/" not in name and name not in constants}
     for start in range(0, len(rows), OBJECTS_PER_FILE):
-        batch = [files.chunks(result) for result in results[start : start + OBJECTS_PER_FILE]]
+        numbers = range(start, min(start + OBJECTS_PER_FILE, len(rows)))
+        batch = [{**files.chunks(results[number]), **_labels(rows[number])} for number in numbers]
         for name, shape in stacked.items():
             parts = [encoded.get(name) for encoded in batch]
-            if name in strings:
-                strings[name] += ["" if part is None else str(decode_array(None, (), "U", part)) for part in parts]
-            else:
-                write_file(path / name / "c" / str(start // OBJECTS_PER_FILE), artifact.arrays[name], shape, parts)
-        for row, encoded in zip(rows[start:], batch, strict=False):
+            write_file(path / name / "c" / str(start // OBJECTS_PER_FILE), artifact.arrays[name], shape, parts)
+        for number, encoded in zip(numbers, batch, strict=True):
             for name in (name for name in encoded if "/" in name):
                 parent, leaf = name.split("/")
-                ragged = f"{parent}/{row.object_id}/{leaf}"
+                ragged = f"{parent}/{rows[number].object_id}/{leaf}"
                 file = path.joinpath(ragged, "c", *["0"] * len(shapes[ragged]))
                 file.parent.mkdir(parents=True, exist_ok=True)
                 for chunk in encoded[name]:  # one; none where the array is empty
                     file.write_bytes(chunk)
-    labels = [row.labels() for row in rows]
-    common = {name: [label[name] for label in labels] for name in COMMON}
-    with zarr.config.set({"array.write_empty_chunks": True}):
-        group: Any = zarr.open_group(LocalStore(path), mode="r+")
-        for name, values in {**constants, **strings, **common}.items():
-            group[name][...] = np.array(values, numpy_dtype(artifact.arrays[name]))
-    return {name: digests[name] for name in ("", *artifact.arrays) if name in digests}
+    return {name: hashlib.sha256(metadata[name]).hexdigest() for name in ("", *artifact.arrays) if name in metadata}
+
+
+def _labels(row: RowRecord) -> dict[str, list[bytes]]:
+    """Encode the entries of the arrays that every artifact has."""
+    return {name: encode_array(COMMON[name], np.array(label)) for name, label in row.labels().items()}
+
+
+def _metadata(kind: str, **fields: Any) -> bytes:
+    """Write the `zarr.json` of a group or an array as Zarr writes it."""
+    last: dict[str, Any] = {"storage_transformers": []} if kind == "array" else {}
+    return json.dumps({**fields, "zarr_format": 3, "node_type": kind, **last}, indent=2).encode()
 
 
 def _group_shapes(artifact: Artifact, rows: Sequence[RowRecord], results: Sequence[Result], constants: Row) -> dict[str, tuple[int, ...]]:
@@ -196,13 +183,3 @@ def _group_shapes(artifact: Artifact, rows: Sequence[RowRecord], results: Sequen
         if name not in shapes and not array.optional:
             shapes[name] = (len(rows), *(sizes.get(dim, 0) for dim in array.dims[1:]))
     return shapes
-
-
-def _write_metadata(folder: Path, metadata: "GroupMetadata | ArrayV3Metadata") -> str:
-    """Write the `zarr.json` of a group or array as Zarr writes it; return its SHA-256."""
-    from zarr.core.buffer import default_buffer_prototype
-
-    folder.mkdir(parents=True, exist_ok=True)
-    content = metadata.to_buffer_dict(default_buffer_prototype())["zarr.json"].to_bytes()
-    (folder / "zarr.json").write_bytes(content)
-    return hashlib.sha256(content).hexdigest()

@@ -83,13 +83,17 @@ def read_chunks(file: Path, file_shape: Sequence[int], chunk: Sequence[int], row
 
 
 def write_file(folder: Path, array: Array, shape: tuple[int, ...], parts: Sequence[list[bytes] | None]) -> None:
-    """Write a file of `sharding_indexed` from one part per object: its chunks, then the index of all, with its checksum.
+    """Write a file from one part per object; the part of an object without a row is None, and read as zeros.
 
-    The part of an object without a row is None, and read as zeros.
+    It is a file of `sharding_indexed`, its chunks, then the index of all, with its checksum; or one of strings.
     """
     if not math.prod(shape):
         return
     file_shape, chunk = chunking(array, shape)
+    if array.dtype == "string":
+        texts = ["" if part is None else str(decode_array(None, (), "U", part)) for part in parts]
+        write_constant(folder, array, np.array(texts + [""] * (file_shape[0] - len(texts)), object))
+        return
     if chunk[0] > 1:  # several objects share a chunk
         values = np.zeros(chunk, numpy_dtype(array))
         for number, part in enumerate(parts):
@@ -104,3 +108,12 @@ def write_file(folder: Path, array: Array, shape: tuple[int, ...], parts: Sequen
     with file.open("wb") as opened:
         index = [ABSENT if encoded is None else (opened.tell(), opened.write(encoded)) for encoded in chunks]
         opened.write(with_checksum(np.array(index, "<u8").tobytes()))
+
+
+def write_constant(file: Path, array: Array, values: np.ndarray) -> None:
+    """Write an array, which is one chunk, to a file; an empty one has none."""
+    if array.dtype == "string":
+        values = np.frombuffer(VLenUTF8().encode(values.astype(object).reshape(-1)), np.uint8)
+    if values.size:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(encode_chunk(array, values))

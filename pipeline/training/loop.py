@@ -100,7 +100,7 @@ class _Training:
         self.module = learner.network.to(device, torch.float64 if settings.precision == "64-true" else torch.float32)
         self.network = DistributedDataParallel(self.module) if self.processes > 1 else self.module
         self.autocast = partial(torch.autocast, device.type, torch.bfloat16, enabled=settings.precision == "bf16-mixed")
-        self.adam = torch.optim.Adam(self.module.parameters(), lr=settings.learning_rate)
+        self.adam = torch.optim.Adam(self.module.parameters(), lr=settings.learning_rate, fused=True)
         self.best, self.progress = checkpoint.load(folder, self.module, self.adam)
         self.began = time.perf_counter() - self.progress.seconds
         self.steps = math.ceil(len(learner.train) / settings.batch_size)  # of an epoch

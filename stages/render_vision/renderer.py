@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cache, partial
 from importlib import import_module, resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -204,6 +204,24 @@ class Renderer(AbstractContextManager["Renderer"]):
         lamp: Vector | None = None,  # replaces the position of the scene's lamp, world frame, m
     ) -> RenderedImage:
         """Render only the given meshes."""
+        view = self._view(meshes, camera, lamp)
+        rgb = self._colors(meshes, view)
+        self._context.draw(meshes, view.uniforms, (0.0, 0.0, 0.0), view.shape, as_labels=True)
+        segmentation = np.ascontiguousarray(self._context.read_colors(view.shape)[..., 0])
+        depth = self._context.read_depth(view.shape, view.lens.znear, view.lens.zfar)
+        return RenderedImage(rgb, segmentation, np.where(segmentation == Label.BACKGROUND, np.float32(np.inf), depth))
+
+    def render_colors(
+        self, meshes: Sequence[PosedMesh], camera: Camera | None = None, lamp: Vector | None = None
+    ) -> NDArray[np.uint8]:  # (R, C, 3)
+        """Render the colours that `render` gives, in half the time."""
+        return self._colors(meshes, self._view(meshes, camera, lamp))
+
+    def _colors(self, meshes: Sequence[PosedMesh], view: "_View") -> NDArray[np.uint8]:
+        self._context.draw(meshes, view.uniforms, self._background, view.shape, as_labels=False)
+        return np.ascontiguousarray(self._context.read_colors(view.shape)[..., :3])
+
+    def _view(self, meshes: Sequence[PosedMesh], camera: Camera | None, lamp: Vector | None) -> "_View":
         camera = camera or self._camera
         pose, shape = camera_pose(camera), camera.shape
         lens = _gl_camera(self._context.pyrender, camera, _least_depth(meshes, pose))
@@ -214,13 +232,15 @@ class Renderer(AbstractContextManager["Renderer"]):
             "point_lights[0].position": lamp or self._lamp_position,
             **self._light,
         }
-        uniforms = {name: np.asarray(value, np.float32) for name, value in values.items()}
-        self._context.draw(meshes, uniforms, self._background, shape, as_labels=False)
-        rgb = np.ascontiguousarray(self._context.read_colors(shape)[..., :3])
-        self._context.draw(meshes, uniforms, (0.0, 0.0, 0.0), shape, as_labels=True)
-        segmentation = np.ascontiguousarray(self._context.read_colors(shape)[..., 0])
-        depth = self._context.read_depth(shape, lens.znear, lens.zfar)
-        return RenderedImage(rgb, segmentation, np.where(segmentation == Label.BACKGROUND, np.float32(np.inf), depth))
+        return _View(shape, lens, {name: np.asarray(value, np.float32) for name, value in values.items()})
+
+
+class _View(NamedTuple):
+    """A camera and the lamps, for OpenGL."""
+
+    shape: tuple[int, int]  # rows, columns
+    lens: Any  # a `pyrender.Camera`
+    uniforms: dict[str, Array32]
 
 
 def _least_depth(meshes: Sequence[PosedMesh], pose_of_camera: Array) -> float:

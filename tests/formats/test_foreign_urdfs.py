@@ -1,6 +1,7 @@
 """URDFs of real hands: mimic joints, packages, arms above the palm, colours with commas, links without mass, Drake's tags."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -276,7 +277,7 @@ def test_shape_that_is_too_large_to_fill_is_named(tmp_path: Path) -> None:
 def test_physics_urdf_states_what_engines_cannot_read_or_guess(tmp_path: Path) -> None:
     """Commas between numbers, an axis that is not of unit length, a mass without inertia."""
     text = CLAW.replace('<axis xyz="1 0 0"/>', '<axis xyz="2, 0, 0"/>').replace('xyz="0 0 0.04"', 'xyz="0, 0, 0.04"')
-    robot = parse_urdf(write_hand_urdf(load_hand(claw(tmp_path, text)), tmp_path))
+    robot = parse_urdf(write_hand_urdf(replace(load_hand(claw(tmp_path, text)), followers=()), tmp_path))
     assert "," not in "".join(element.get("xyz", "") for element in robot.iter())
     assert {tuple(map(float, axis.get("xyz", "").split())) for axis in robot.iter("axis")} == {(1.0, 0.0, 0.0)}
     for inertial in robot.iter("inertial"):
@@ -291,11 +292,11 @@ BOX_INERTIA = (0.01 / 12 * (0.01**2 + 0.04**2), 0.01 / 12 * (0.01**2 + 0.04**2),
 
 
 def stated_inertia(folder: Path, moments: tuple[float, ...], product: float = 0.0) -> tuple[list[float], list[str]]:
-    """Give the link "one" these moments and an ixy, kg m²; return the moments that engines get, and the notes."""
+    """Give the link "one" these moments and an ixy, kg m²; return the moments that engines get without rotors, and the notes."""
     xx, yy, zz = moments
     tensor = f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="{product}" ixz="0" iyz="0"/>'
     hand = load_hand(claw(folder, CLAW.replace(f'name="one">{BODY}', f'name="one">{BODY.replace("</inertial>", tensor + "</inertial>")}')))
-    written = parse_urdf(write_hand_urdf(hand, folder)).find("link[@name='one']/inertial/inertia")
+    written = parse_urdf(write_hand_urdf(replace(hand, followers=()), folder)).find("link[@name='one']/inertial/inertia")
     assert written is not None
     return [float(written.get(name, "nan")) for name in ("ixx", "iyy", "izz")], [note for note in inertia_notes(hand) if " one," in note]
 

@@ -1,6 +1,7 @@
 """The hand and the object in PyBullet."""
 
 import resource
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,8 @@ from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import close_links
 from pipeline.physics import simulation
-from pipeline.physics.simulation import GRAVITY, Simulation, pybullet
+from pipeline.physics.hand_urdf import GEARED_INERTIA, write_hand_urdf
+from pipeline.physics.simulation import GEAR_SLACK, GRAVITY, TREMOR, TREMOR_STEPS, PhysicsClient, Simulation, pybullet
 from stages.simulate_grasps.prepare import FINGER_GAP, finger_gap
 from tests.kernels.hand.meshes import centred, mug
 
@@ -118,21 +120,55 @@ CHAIN = """<robot name="chain"><link name="palm"/>
 <limit lower="0" upper="1.5" effort="1" velocity="1"/><mimic joint="bend" multiplier="1.05" offset="0"/></joint></robot>"""
 
 
+CHAIN_HAND = """{name: chain, urdf: chain.urdf, sensor: gel_16mm, torque: 0.5, palm: {link: palm, facing: [0, 0, -1], centre: [0.04, 0, 0]},
+fingers: [{name: finger, joints: [bend], sensor: {link: far, origin: [0.02, 0, -0.005], normal: [0, 0, -1], columns: [0, 1, 0]}}]}"""
+
+
+def load_chain(folder: Path) -> Hand:
+    (folder / "chain.urdf").write_text(CHAIN)
+    (folder / "chain.yaml").write_text(CHAIN_HAND)
+    return load_hand(folder / "chain.yaml")
+
+
 def test_mimic_joint_of_a_finger_does_not_sag(tmp_path: Path) -> None:
     """Bent freely; with the gear between two branches, gravity leaves the tip 5 mrad off."""
-    (tmp_path / "chain.urdf").write_text(CHAIN)
-    sensor = "sensor: {link: far, origin: [0.02, 0, -0.005], normal: [0, 0, -1], columns: [0, 1, 0]}"
-    text = "name: chain\nurdf: chain.urdf\nsensor: gel_16mm\ntorque: 2\npalm: {link: palm, facing: [0, 0, -1], centre: [0.04, 0, 0]}\n"
-    (tmp_path / "chain.yaml").write_text(text + f"fingers: [{{name: finger, joints: [bend], {sensor}}}]\n")
     far = np.eye(4)
     far[:3, 3] = [1, 1, 1]
-    with Simulation(load_hand(tmp_path / "chain.yaml")) as physics:
+    with Simulation(load_chain(tmp_path)) as physics:
         physics.load(mug())
         angles, rests = physics.settle(far, np.array([0.1]), np.array([0.34]), max_steps=400, resting_speed=2e-3)
         names = {physics.client.getJointInfo(1, number)[1]: number for number in range(2)}
         tip = physics.client.getJointState(1, names[b"follow"])[0]
     assert rests
     assert tip == pytest.approx(1.05 * angles[0], abs=2e-3)
+
+
+def test_coupled_joints_have_the_inertia_of_rotors(tmp_path: Path) -> None:
+    """Both of a pair, besides that of their links, which are some 1e-6 kg m²; a hand without followers keeps its own."""
+    coupled, free = load_chain(tmp_path), replace(load_chain(tmp_path), followers=())
+    matrices = []
+    for number, hand in enumerate((coupled, free)):
+        (folder := tmp_path / str(number)).mkdir()
+        client = PhysicsClient()
+        body = client.loadURDF(str(write_hand_urdf(hand, folder)), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, useFixedBase=True)
+        matrices.append(np.array(client.calculateMassMatrix(body, [0.2, 0.2])))
+        client.disconnect()
+    assert matrices[0] - matrices[1] == pytest.approx(np.array([[2, 1], [1, 1]]) * GEARED_INERTIA, rel=1e-4)
+
+
+def test_trembling_hand_rests_where_all_joints_stay_within_the_tremor(tmp_path: Path) -> None:
+    """Two steps here, two there, as gear and contact correct each other; one joint that leaves, follower or not, moves."""
+    with Simulation(load_chain(tmp_path)) as physics:
+        physics.load(mug())
+        tremor = np.array([[0.3, 0.315], [0.302, 0.318]] * (TREMOR_STEPS // 2))
+        assert physics._body.trembles(tremor)
+        assert not physics._body.trembles(tremor[1:])
+        for joint in range(2):
+            moving = tremor.copy()
+            moving[:, joint] += np.linspace(0, TREMOR, TREMOR_STEPS)
+            assert not physics._body.trembles(moving)
+        assert physics._body.gears_hold(tremor.mean(axis=0))
+        assert not physics._body.gears_hold(np.array([0.3, 0.315 + 1.1 * GEAR_SLACK]))
 
 
 GAP = 0.0008

@@ -9,7 +9,7 @@ import scipy
 import trimesh
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.arrays import Array, Floats, Indices, Integers, Mask
+from pipeline.kernels.arrays import Array, Floats, Indices, Integers
 from pipeline.kernels.geometry.level_set import level_set_mesh
 from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products, is_watertight, mesh_edges, without_slivers
 from pipeline.kernels.geometry.signed_distance import inside_test
@@ -97,12 +97,12 @@ def vertex_normals(vertices: Array, faces: Integers) -> Array:
     return unit_vectors(total)
 
 
-def split_edges(vertices: Array, faces: Integers, chosen: Mask) -> tuple[Array, Integers]:
-    """Split chosen edges (E,) of `mesh_edges` in their middles, which are appended to the vertices, and the faces beside them."""
-    ends, edge = mesh_edges(faces)
-    middle = np.where(chosen, len(vertices) + np.cumsum(chosen) - 1, -1)
+def split_edges(vertices: Array, faces: Integers, ends: Integers, edge: Integers, chosen: Indices) -> tuple[Array, Integers]:
+    """Split chosen edges of `mesh_edges` in their middles, which are appended to the vertices, and the faces beside them."""
+    middle = np.full(len(ends), -1)
+    middle[chosen] = len(vertices) + np.arange(len(chosen))
     vertices = np.concatenate([vertices, vertices[ends[chosen]].mean(axis=1)])
-    split = chosen[edge]  # (F, 3)
+    split = middle[edge] >= 0  # (F, 3)
     number = split.sum(axis=1)
     new_faces = [faces[number == 0]]
     for count, table in SPLITS.items():
@@ -168,13 +168,15 @@ def attach_points(
     if not len(points):
         return vertices, faces
     for number in range(ATTACHMENT_ROUNDS):
-        for _ in range(2):  # each at most halves the edges
-            closest = _nearest_facing_points(vertices, faces, points, normals, spacing)[1]
-            ends, _edge = mesh_edges(faces)
-            is_long = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1) > 1.5 * spacing / REFINEMENT
-            is_near = scipy.spatial.cKDTree(closest).query(vertices[ends].mean(axis=1), distance_upper_bound=spacing)[0] < spacing
-            vertices, faces = split_edges(vertices, faces, is_long & is_near)
         nearest = _nearest_facing_points(vertices, faces, points, normals, spacing)
+        for _ in range(2):  # each at most halves the edges
+            ends, edge = mesh_edges(faces)
+            long = np.flatnonzero(np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1) > 1.5 * spacing / REFINEMENT)
+            away, _ = scipy.spatial.cKDTree(nearest[1]).query(vertices[ends[long]].mean(axis=1), distance_upper_bound=spacing)
+            if not (away < spacing).any():
+                break
+            vertices, faces = split_edges(vertices, faces, ends, edge, long[away < spacing])
+            nearest = _nearest_facing_points(vertices, faces, points, normals, spacing)
         vertices = _displace_vertices(vertices, faces, points, *nearest, spacing, coarse=not number)
     return _insert_points(vertices, faces, points, tolerance)
 
@@ -186,7 +188,7 @@ def _nearest_facing_points(
     corners = vertices[faces]
     facing = unit_vectors(face_cross_products(corners))
     weight = NORMAL_WEIGHT * spacing / np.sqrt(2)
-    tree = scipy.spatial.cKDTree(np.concatenate([corners.mean(axis=1), weight * facing], axis=1))
+    tree = scipy.spatial.cKDTree(np.concatenate([corners.mean(axis=1), weight * facing], axis=1), balanced_tree=False)
     count = min(CANDIDATES, len(faces))
     candidates = tree.query(np.concatenate([points, weight * normals], axis=1), k=count)[1].reshape(-1)  # (N count)
     repeated = np.repeat(points, count, axis=0)

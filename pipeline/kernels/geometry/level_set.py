@@ -15,8 +15,6 @@ Field = Callable[[Array], Floats]
 MAX_CELLS = 2**27  # most cells of a grid, which holds a gigabyte of values
 MIN_VALUE_SHARE = 1e-3  # of the largest, that values around the surface have at least: no two vertices coincide
 CELL_CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])  # libigl's
-AT_CORNERS = [tuple(slice(1, None) if end else slice(None, -1) for end in corner) for corner in CELL_CORNERS]
-"""For each of these corners, the part of a grid's values that holds that corner of every cell."""
 
 
 def level_set_mesh(
@@ -35,8 +33,8 @@ def level_set_mesh(
     A negative region is cut off where the box ends, or up to 2^halvings cells beyond, and the mesh closed.
 
     The field is computed on a grid 2^halvings times as wide. Its cells are then halved, and the field is computed only at points where it
-    can be 0 given its neighbours, and further along the surface. With 0 halvings it is computed at all points. Within `dense_radius` of
-    `dense_points` the field may change faster: there it is computed at each point of the grid.
+    can be 0 given its neighbours, however thin the region there, and further along the surface. With 0 halvings it is computed at all
+    points. Within `dense_radius` of `dense_points` the field may change faster: there it is computed at each point of the grid.
     """
     low = np.asarray(low, np.float64)
     step = spacing * 2**halvings
@@ -50,9 +48,11 @@ def level_set_mesh(
     values = np.zeros(count.astype(np.int64) + 1)
     _evaluate(values, np.ones(values.shape, bool), field, low, step)
     for _ in range(halvings):
-        reach, step = np.sqrt(3) / 2 * step, step / 2  # a cell's middle is as far from its corners
-        values = _double_resolution(values)
-        computed = np.abs(values) <= reach
+        step /= 2
+        apart = _distances_from_coarser(values.shape, step)
+        computed = _double_resolution(values, np.maximum) <= apart
+        computed &= _double_resolution(values, np.minimum) >= -apart
+        values = _double_resolution(values, lambda first, second: (first + second) / 2)
         if dense_points is not None:
             _mark_cells_around(computed, np.asarray(dense_points) - low, step, dense_radius)
         _evaluate(values, computed, field, low, step)
@@ -88,27 +88,37 @@ def _mark_cells_around(where: Mask, positions: Array, step: float, radius: float
         where[tuple(map(slice, first, last))] = True
 
 
-def _double_resolution(values: Array) -> Array:
-    """Interpolate between neighbours: (2 N - 1) values along each axis, of N."""
+def _double_resolution(values: Array, between: Callable[[Array, Array], Array]) -> Array:
+    """Refine a grid to (2 N - 1) values along each axis, of N, by a function of neighbours: their mean, for example."""
     for axis in range(3):
         along = np.moveaxis(values, axis, 0)
         finer = np.repeat(along, 2, axis=0)[:-1]
-        finer[1::2] = (along[:-1] + along[1:]) / 2
+        finer[1::2] = between(along[:-1], along[1:])
         values = np.moveaxis(finer, 0, axis)
     return values
 
 
+def _distances_from_coarser(shape: tuple[int, ...], step: float) -> Array:
+    """Compute how far each point of a grid of twice the resolution of `shape`, `step` wide, is from the coarser points around it."""
+    x, y, z = (np.arange(2 * count - 1) % 2 for count in shape)  # 1 between two of them
+    return np.asarray(step * np.sqrt(x[:, None, None] + y[:, None] + z))
+
+
 def _crossed_cells(values: Array) -> Mask:
     inside = values < 0
-    corners = np.stack([inside[at] for at in AT_CORNERS])
-    return np.asarray(corners.any(axis=0) & ~corners.all(axis=0))
+    return np.asarray(_of_corners(inside, np.logical_or) & ~_of_corners(inside, np.logical_and))
 
 
 def _mark_corners(cells: Mask) -> Mask:
-    marked = np.zeros(np.add(cells.shape, 1), bool)
-    for at in AT_CORNERS:
-        marked[at] |= cells
-    return marked
+    return _of_corners(np.pad(cells, 1), np.logical_or)  # a point is the corner of the cells around it
+
+
+def _of_corners(marks: Mask, combine: Callable[[Mask, Mask], Mask]) -> Mask:
+    """Combine the marks at the corners of each cell: (N - 1) values along each axis, of N."""
+    for axis in range(3):
+        along = np.moveaxis(marks, axis, 0)
+        marks = np.moveaxis(combine(along[:-1], along[1:]), 0, axis)
+    return marks
 
 
 def _marching_cubes(values: Array, low: Array, step: float) -> tuple[Array, NDArray[np.int64]]:

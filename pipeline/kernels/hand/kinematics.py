@@ -6,12 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.kernels.arrays import Array, Indices, Mask
-from pipeline.kernels.compiled import compiled
+from pipeline.kernels.compiled import compiled, for_few
 from pipeline.kernels.geometry.transforms import compose, sin_cos, transform_points
 from pipeline.kernels.hand.model import Hand
 from pipeline.rng import numpy_rng
 
 RANDOM_POSTURES = 512  # of which the widest gives how far a hand opens
+FEW_POSTURES = 8  # whose frames take a few milliseconds uncompiled
 
 
 def forward_kinematics(
@@ -33,7 +34,8 @@ def forward_kinematics(
     tree = _joint_tree(hand)
     values = np.broadcast_to(joint_angles, (*batch, len(hand.joint_names)))[..., tree.entry] * tree.multiplier + tree.offset
     values = values.reshape(-1, len(tree.entry))
-    _follow_joints(frames.reshape(-1, *frames.shape[-3:]), tree, values, *sin_cos(values))
+    follow = for_few(_follow_joints) if len(values) <= FEW_POSTURES else _follow_joints
+    follow(frames.reshape(-1, *frames.shape[-3:]), tree, values, *sin_cos(values))
     return frames
 
 

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from pipeline.kernels.arrays import Array, Indices, Mask
-from pipeline.kernels.compiled import compiled
+from pipeline.kernels.compiled import compiled, for_few
 from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes
 from pipeline.kernels.hand.kinematics import forward_kinematics
@@ -237,11 +237,11 @@ def _resting_gaps(hand: Hand, boxes: CollisionBoxes) -> Iterator[tuple[tuple[int
 
 def _link_gaps(hand: Hand, boxes: CollisionBoxes, frames: Array) -> Iterator[tuple[tuple[int, int], Array]]:
     """Yield the pairs of links that can meet, each with its least gap (N,), m."""
-    world = world_boxes(boxes, frames)
+    world, gaps_of = world_boxes(boxes, frames), for_few(box_gaps) if len(frames) == 1 else box_gaps
     for first, second in np.argwhere(meeting_links(hand)).tolist():
         a, b = (rows.ravel() for rows in np.meshgrid(np.flatnonzero(boxes.link == first), np.flatnonzero(boxes.link == second)))
         if len(a):
-            yield (first, second), box_gaps(world, boxes.half, a, b).min(axis=1)
+            yield (first, second), gaps_of(world, boxes.half, a, b).min(axis=1)
 
 
 def _are_neighbours(hand: Hand, first: int, second: int) -> bool:

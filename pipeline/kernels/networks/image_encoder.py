@@ -57,10 +57,18 @@ ENCODER_PLANS: Mapping[int, EncoderPlan] = {  # by number of layers
 }
 
 
+class PlanarGroupNorm(nn.GroupNorm):
+    """Group normalisation of maps whose channels are last in memory: on CPUs torch's own is a fifth as fast as that of rearranged maps."""
+
+    def forward(self, maps: Tensor) -> Tensor:
+        """Normalise (B, C, H, W) maps."""
+        return super().forward(maps.contiguous()).contiguous(memory_format=torch.channels_last)
+
+
 def _normalisation(norm: Norm, channels: int) -> nn.Module:
     if norm == "batch":
         return nn.BatchNorm2d(channels)
-    return nn.InstanceNorm2d(channels) if norm == "instance" else nn.GroupNorm(gcd(GROUPS, channels), channels)
+    return nn.InstanceNorm2d(channels) if norm == "instance" else PlanarGroupNorm(gcd(GROUPS, channels), channels)
 
 
 class ImageEncoder(nn.Module):
@@ -97,9 +105,7 @@ class ImageEncoder(nn.Module):
         check_shape("images", images, "B", COLOURS, "H", "W")
         check_intensities("images", images)
         self._check_size(images)
-        # on CPUs convolutions of float32 are faster colour beside colour, and group norm of bfloat16 fifty times slower
-        layout = torch.contiguous_format if torch.is_autocast_enabled("cpu") else torch.channels_last
-        features, tapped = images.contiguous(memory_format=layout), []
+        features, tapped = images.contiguous(memory_format=torch.channels_last), []  # so convolutions are faster on CPUs
         for index, layer in enumerate(self.layers, start=1):
             features = layer(features)
             if index in self.plan.taps:

@@ -146,17 +146,18 @@ class ImplicitNetwork(nn.Module):
     def __init__(self, config: ImplicitConfig, generator: torch.Generator | None = None) -> None:
         super().__init__()
         self.config = config
-        width, overall, inputs = config.features, config.features // 2, 3
+        width, overall, of_pixel = config.features, config.features // 2, 0
         self.encoder: ImageEncoder | None = None
         with torch.random.fork_rng(devices=[]):  # layers draw from torch's own generator; weights are drawn again from ours
             if config.image is not None:
                 self.encoder = ImageEncoder(config)
                 self.seen = nn.Linear(self.encoder.deepest * POOLED_SIDE**2, overall)
-                inputs += COLOURS + self.encoder.channels + overall + (config.image == "any")  # and whether there is an image
+                of_pixel = COLOURS + self.encoder.channels + (config.image == "any")  # and whether there is an image
             if config.touch:
                 self.felt = nn.Sequential(nn.Linear(POINT_FEATURES, overall), nn.ReLU(), nn.Linear(overall, overall))
-                inputs += TOUCH_FEATURES + overall
-            self.first, self.last = nn.Linear(inputs, width), nn.Linear(width, 1)
+            codes = overall * ((config.image is not None) + config.touch)
+            self.inputs = [3, codes, of_pixel, TOUCH_FEATURES * config.touch]  # of a query: its position, its item's codes, features
+            self.first, self.last = nn.Linear(sum(self.inputs), width), nn.Linear(width, 1)
             self.blocks = nn.ModuleList(
                 nn.Sequential(nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, width)) for _ in range(config.blocks)
             )
@@ -197,9 +198,19 @@ class ImplicitNetwork(nn.Module):
             if not bool(torch.isfinite(touch_vertices).all()):
                 raise InvalidInput("touch_vertices has values that are not finite: leave out the items they come from")
             touches = touches_by_item(self._unit(touch_vertices), touched, counts)
-            point_code = self.felt(touches.point_features) * touches.present[..., None]
-            overall.append(torch.cat([point_code.new_zeros(len(counts), 1, point_code.shape[2]), point_code], dim=1).amax(dim=1))
+            overall.append(self._touch_code(touches))
         return Encoding(maps, cameras, with_image, torch.cat(overall, dim=1), touches)
+
+    def _touch_code(self, touches: TouchPoints) -> Tensor:  # (B, G)
+        """Compute the largest codes of each item's points, 0 at least; only the few points that have one are differentiated."""
+        features, present = touches.point_features, touches.present
+        felt_items = torch.nonzero(present.any(dim=1))[:, 0]
+        zeros = features.new_zeros(len(features), self.felt[-1].out_features)
+        with torch.no_grad():
+            codes = self.felt(features[present]).split(present.sum(dim=1)[felt_items].tolist())
+            highest = torch.stack([code.argmax(dim=0) for code in codes]) if codes else zeros[:0].long()  # (K, G)
+        largest = self.felt(features[felt_items[:, None], highest]).diagonal(dim1=1, dim2=2)
+        return _placed(largest.relu(), felt_items, zeros)
 
     def decode(self, code: Encoding, queries: Tensor) -> Tensor:
         """Predict the signed distances of queries (B, N, 3), m, world: (B, N) m, limited to about the band."""
@@ -208,21 +219,17 @@ class ImplicitNetwork(nn.Module):
     def _decode(self, code: Encoding, queries: Tensor) -> tuple[Tensor, tuple[Tensor, Tensor] | None]:
         """Predict as `decode`; a network with touch also returns what `TouchPoints.features_at` does."""
         unit, touch_features = self._unit(queries), None
-        inputs = [unit, code.overall[:, None].expand(-1, queries.shape[1], -1)]
-        if self.encoder is not None:
-            optional = self.config.image == "any"
-            pooled = unit.new_zeros(*unit.shape[:2], COLOURS + self.encoder.channels + optional)
-            if code.maps and code.cameras is not None:
-                pixels = project_to_pixels(code.cameras, queries[code.with_image])
-                features = pool_features(code.maps, (MapGrid(), *self.encoder.grids), pixels)
-                if optional:
-                    features = torch.cat([features, torch.ones_like(features[..., :1])], dim=2)
-                pooled = _placed(features, code.with_image, pooled)
-            inputs.append(pooled)
+        of_position, of_item, of_pixel, of_touch = self.first.weight.split(self.inputs, dim=1)
+        hidden = functional.linear(unit, of_position) + functional.linear(code.overall, of_item, self.first.bias)[:, None]
+        if self.encoder is not None and code.maps and code.cameras is not None:
+            pixels = project_to_pixels(code.cameras, queries[code.with_image])
+            features = pool_features(code.maps, (MapGrid(), *self.encoder.grids), pixels)
+            if self.config.image == "any":
+                features = functional.pad(features, (0, 1), value=1)
+            hidden = hidden.index_add(0, code.with_image, functional.linear(features, of_pixel))
         if code.touches is not None:
             touch_features = code.touches.features_at(unit)
-            inputs.append(touch_features[0])
-        hidden: Tensor = self.first(torch.cat(inputs, dim=2))
+            hidden = hidden + functional.linear(touch_features[0], of_touch)
         for block in self.blocks:
             hidden = hidden + block(hidden)
         last: Tensor = self.last(hidden.relu())[..., 0]

@@ -1,10 +1,13 @@
 """Forward kinematics against PyBullet, and sensor frames."""
 
+import sys
+
+import numba
 import numpy as np
 import pybullet
 import pytest
 
-from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
+from pipeline.kernels.hand.kinematics import FEW_POSTURES, forward_kinematics, sensor_poses
 from pipeline.kernels.hand.model import Hand
 from tests.kernels.hand.meshes import random_pose
 
@@ -74,3 +77,10 @@ def test_kinematics_reject_wrong_shapes_and_infinite_values(hand: Hand, pose: np
     for function in (forward_kinematics, sensor_poses):
         with pytest.raises(ValueError, match=named):
             function(hand, pose, angles)
+
+
+def test_few_postures_have_the_same_frames_in_a_process_without_numba(hand: Hand, rng: np.random.Generator, monkeypatch) -> None:
+    poses, angles = np.stack([random_pose(rng) for _ in range(FEW_POSTURES)]), angles_of(hand, rng, FEW_POSTURES)
+    compiled = forward_kinematics(hand, poses, angles)
+    monkeypatch.delitem(sys.modules, numba.__name__)
+    np.testing.assert_array_equal(forward_kinematics(hand, poses, angles), compiled)

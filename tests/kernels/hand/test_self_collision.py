@@ -1,14 +1,16 @@
 """Gaps between boxes, and collisions of fingers with each other and with the palm."""
 
 import dataclasses
+import sys
 
+import numba
 import numpy as np
 import pytest
 
 from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.hand.self_collision import box_gap, choose_postures, finger_conflicts, hand_gap
+from pipeline.kernels.hand.self_collision import box_gap, choose_postures, close_links, finger_conflicts, hand_gap
 from tests.kernels.hand.meshes import random_pose
 from tests.strategies import EPS
 
@@ -73,3 +75,11 @@ def test_box_gap_is_positive_only_for_boxes_that_are_apart(rng: np.random.Genera
     separated, clear = np.array(seen).T
     assert separated[clear].all()
     assert 0.05 < separated.mean() < 0.9
+
+
+def test_gaps_at_rest_are_the_same_in_a_process_without_numba(hand: Hand, monkeypatch) -> None:
+    boxes = collision_boxes(hand)
+    compiled = close_links(hand, boxes, 1.0)
+    monkeypatch.delitem(sys.modules, numba.__name__)
+    assert close_links(hand, boxes, 1.0) == compiled
+    assert compiled

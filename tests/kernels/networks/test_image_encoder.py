@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder
+from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, PlanarGroupNorm
 from pipeline.kernels.networks.network_configurations import NetworkInputs
 
 TABLES_7_TO_9 = [*[(16, s) for s in (127, 125, 123, 121, 119)], *[(32, s) for s in (59, 57, 55, 53, 51)]]
@@ -66,6 +66,14 @@ def test_receptive_fields_are_centred_on_the_grid(layers: int, kernel: int) -> N
 def test_encoder_rejects_images_of_four_channels() -> None:
     with pytest.raises(ValueError, match=r"shape \(1, 4, 256, 256\)"):
         ImageEncoder(NetworkInputs(encoder_layers=12))(torch.zeros(1, 4, 256, 256))
+
+
+def test_group_normalisation_is_torchs_and_keeps_channels_last():
+    maps = torch.randn(2, 16, 7, 5, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    normalisation = PlanarGroupNorm(8, 16).double()
+    normalised = normalisation(maps.contiguous(memory_format=torch.channels_last))
+    torch.testing.assert_close(normalised, torch.nn.functional.group_norm(maps, 8))
+    assert normalised.is_contiguous(memory_format=torch.channels_last)
 
 
 def test_group_normalisation_does_not_depend_on_the_other_images_of_a_batch():

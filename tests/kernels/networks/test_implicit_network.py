@@ -1,16 +1,20 @@
 """Implicit networks, and the features of touches at queries."""
 
+import functools
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from torch.nn import functional
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.networks.image_encoder import MapGrid, pool_features, project_to_pixels
 from pipeline.kernels.networks.implicit_network import (
     NEAREST_POINT_FEATURES,
     SCALES,
+    TANH_SLOPE,
     TOUCH_FEATURES,
     ImplicitConfig,
     ImplicitNetwork,
@@ -49,6 +53,39 @@ def test_items_and_queries_are_independent():
         alone = seen | {name: seen[name][charts] for name in ("touch_vertices", "touched")}
         alone |= {"images": seen["images"][item, None], "counts": [count]}
         torch.testing.assert_close(network(asked[item, None, 7:], **alone)[0], together[item, 7:])
+
+
+def predict_from_all_inputs_of_each_query(network: ImplicitNetwork, asked: torch.Tensor, **seen: Any) -> torch.Tensor:
+    """Predict as `forward`: every point of a touch gets a gradient, and each query carries the codes of its item."""
+    code = network.encode(**seen)
+    assert network.encoder is not None
+    assert code.touches is not None
+    assert code.cameras is not None
+    felt = network.felt(code.touches.point_features) * code.touches.present[..., None]
+    codes = torch.cat([code.overall[:, : network.seen.out_features], functional.pad(felt, (0, 0, 1, 0)).amax(dim=1)], dim=1)
+    unit = network._unit(asked)
+    pooled = pool_features(code.maps, (MapGrid(), *network.encoder.grids), project_to_pixels(code.cameras, asked[code.with_image]))
+    if network.config.image == "any":
+        pooled = torch.cat([pooled, torch.ones_like(pooled[..., :1])], dim=2)
+    of_pixels = pooled.new_zeros(*asked.shape[:2], pooled.shape[2]).index_copy(0, code.with_image, pooled)
+    at_items = codes[:, None].expand(-1, asked.shape[1], -1)
+    hidden = network.first(torch.cat([unit, at_items, of_pixels, code.touches.features_at(unit)[0]], dim=2))
+    for block in network.blocks:
+        hidden = hidden + block(hidden)
+    last = network.last(hidden.relu())[..., 0]
+    return network.config.band * (torch.tanh(last) + TANH_SLOPE * last)
+
+
+@pytest.mark.parametrize("image", ["occluded", "any"])
+def test_predictions_and_gradients_are_those_of_all_inputs_of_each_query(image: str):
+    network, seen, asked = small(image=image), inputs_of(), queries(3)
+    if image == "any":
+        seen["camera"] = seen["camera"].expand(3, 3, 4) * torch.tensor([1.0, 1.0, 0.0], dtype=torch.float64)[:, None, None]
+    results = []
+    for predict in (network, functools.partial(predict_from_all_inputs_of_each_query, network)):
+        distances = predict(asked, **seen)
+        results.append([distances, *torch.autograd.grad(distances.square().sum(), [*network.parameters()])])
+    torch.testing.assert_close(results[0], results[1])
 
 
 def test_predictions_do_not_depend_on_the_order_of_grasps():

@@ -170,6 +170,7 @@ def test_only_selected_meshes_are_rendered_at_their_poses(renderer) -> None:
     alone = renderer.render([(first, HERE)])
     assert set(np.unique(both.segmentation)) == {0, 1, 2}
     assert set(np.unique(alone.segmentation)) == {0, 1}
+    np.testing.assert_array_equal(renderer.render_colors([(first, HERE)]), alone.rgb)
     assert np.nonzero(both.segmentation == 2)[1].mean() > np.nonzero(both.segmentation == 1)[1].mean() + 40
     for part in (first, second):
         renderer.remove(part)
