@@ -11,7 +11,7 @@ from pipeline.kernels.arrays import Array, Array32, Floats, Indices, Mask
 from pipeline.kernels.metrics.cloud_distances import search_tree
 
 SITES = 12  # per side of the grid around many clouds, by which most are excluded at once
-COARSE = (256,)  # points by which clouds are compared, level by level, before all points are
+COARSE = 256  # points by which the others are compared before all points are
 ROUNDING = 1 - 1e-9  # factor that keeps a bound below its distance despite rounding
 
 
@@ -32,22 +32,16 @@ class RetrievalCloud:
         return search_tree(self.points)
 
     @cached_property
-    def coarse(self) -> tuple[tuple[Floats, Indices, Array], ...]:
-        """Per level: a subset of the points, (K, 3), the number of its nearest point to each point, (N,), and their distance, (N,)."""
-        levels = []
-        for count in COARSE:
-            points = self.points[np.linspace(0, len(self.points) - 1, min(count, len(self.points))).astype(int)]
-            distances, nearest = search_tree(points).query(self.points)
-            levels.append((points, nearest, distances))
-        return tuple(levels)
+    def coarse(self) -> tuple[Floats, Indices, Array]:
+        """A subset of the points, (K, 3), the number of its nearest point to each point, (N,), and their distance, (N,)."""
+        points = self.points[np.linspace(0, len(self.points) - 1, min(COARSE, len(self.points))).astype(int)]
+        distances, nearest = search_tree(points).query(self.points)
+        return points, nearest, distances
 
-    def bound(self, target: "RetrievalCloud", level: int) -> float:
-        """Compute a lower bound of the mean squared distance to `target`, by the triangle inequality; at the last level, itself."""
-        if level == len(COARSE):
-            return mean_squared_distance(target.tree, self.points)
-        points, nearest, distances = self.coarse[level]
-        bounds = np.maximum(target.tree.query(points)[0][nearest] - distances, 0.0)
-        return float(np.square(bounds).mean()) * ROUNDING
+    def bound(self, target: "RetrievalCloud") -> float:
+        """Compute a lower bound of the mean squared distance to `target`, by the triangle inequality."""
+        points, nearest, distances = self.coarse
+        return float(np.square(np.maximum(target.tree.query(points)[0][nearest] - distances, 0.0)).mean()) * ROUNDING
 
 
 class SearchedClouds:
@@ -79,18 +73,20 @@ def nearest_cloud(
     below: float = np.inf,  # only a smaller distance counts
 ) -> tuple[float, int] | None:  # distance, in the square of the clouds' unit, and number of the first cloud that has it
     """Find the cloud nearest to a query, as a comparison with all would, to the bit: the least bound is refined until it is exact."""
-    clouds = searched.clouds
-    queue = [(bound, False, number, 0) for number, bound in enumerate(searched.bounds(query, both=both).tolist())]
-    heapify(queue)  # of bound, whether it is the distance, cloud, level
+    queue = [(bound, 0, number) for number, bound in enumerate(searched.bounds(query, both=both).tolist())]
+    heapify(queue)  # of bound, how often it was refined, cloud; refined twice, it is the distance
     while queue:
-        bound, exact, number, level = heappop(queue)
+        bound, refined, number = heappop(queue)
         if bound >= below:
             return None
-        if exact:
+        if refined == 2:
             return bound, number
-        closer = query.bound(clouds[number], level) + (clouds[number].bound(query, level) if both else 0.0)
-        exact = level == len(COARSE)
-        heappush(queue, (closer if exact else max(bound, closer), exact, number, level + 1))
+        cloud = searched.clouds[number]
+        if refined:
+            closer = mean_squared_distance(cloud.tree, query.points) + (mean_squared_distance(query.tree, cloud.points) if both else 0.0)
+        else:
+            closer = max(bound, query.bound(cloud) + (cloud.bound(query) if both else 0.0))
+        heappush(queue, (closer, refined + 1, number))
     return None
 
 
