@@ -133,8 +133,9 @@ class Checkout:
                 [*python.get(program, [program]), *arguments], cwd=self.folder, env=environment, stdout=printed, stderr=subprocess.STDOUT
             )
             _, status, usage = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(status)
             printed.seek(0)
-            if status:
+            if process.returncode:
                 raise SystemExit(f"{command}: in {self.folder}, with the code of {self.root}\n{printed.read()}")
             return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1e3, printed.read()
 

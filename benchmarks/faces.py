@@ -39,7 +39,8 @@ def measure(power: int, folder: Path) -> dict[str, tuple[float, float]]:
         command = [sys.executable, "-m", "pipeline", "run", stage, *options, "--strict", "--set", "sample-surfaces.max_faces=2000000"]
         process = subprocess.Popen(command, cwd=ROOT, env=os.environ | {"OMP_NUM_THREADS": "1"}, stdout=subprocess.DEVNULL)
         _, status, usage = os.wait4(process.pid, 0)
-        if status:
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode:
             raise SystemExit(f"{stage} failed with 10^{power} faces")
         rows = DataDirectory(data).collection(ARTIFACTS[artifact]).first.record.rows
         measured[stage] = min(row.seconds for row in rows), usage.ru_maxrss / 1e3

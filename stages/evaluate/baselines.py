@@ -11,7 +11,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, POSITION
 from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances
-from pipeline.kernels.metrics.retrieval import RetrievalCloud, chamfer_matrix, nearest_cloud, silhouette_overlap
+from pipeline.kernels.metrics.retrieval import RetrievalCloud, SearchedClouds, chamfer_matrix, nearest_cloud, silhouette_overlap
 from stages.evaluate.evaluation_files import Figure, Figures
 from stages.evaluate.measure import MeasuredObjects
 
@@ -133,7 +133,7 @@ def _nearest(
     """Choose the number of the training object with the nearest points for each test object."""
     nearest = {method: [(np.inf, 0)] * len(clouds) for method, clouds in queries.items()}
     for start in range(0, len(training), BLOCK):
-        block = [_cloud(training, name) for name in training.object_ids[start : start + BLOCK]]
+        block = SearchedClouds([_cloud(training, name) for name in training.object_ids[start : start + BLOCK]])
         for row in range(len(queries["by truth"])):
             for method, clouds in queries.items():
                 if match := nearest_cloud(clouds[row], block, both=method == "by truth", below=nearest[method][row][0]):

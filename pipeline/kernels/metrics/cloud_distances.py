@@ -17,11 +17,15 @@ TABLE_3_FACTOR = 9000.0  # times the Chamfer distance in m² gives Table 3's val
 MAX_NEIGHBOURS = 16  # nearest points among which one on the same side of a surface is searched
 
 
-def nearest_squared(query: Floats, points: Floats) -> Array:
-    """Compute the squared distance, (N,) m², from each query point (N, 3) to the nearest of `points` (M, 3)."""
-    query, points = checked_cloud("query", query), checked_cloud("points", points)
-    nearest = scipy.spatial.cKDTree(points).query(query)[1]
-    return np.asarray(np.square(query - points[nearest]).sum(axis=1))
+def search_tree(points: Floats) -> "scipy.spatial.cKDTree":
+    """Build the search tree of a cloud (N, 3). It is not balanced, which takes half the time and searches no slower."""
+    return scipy.spatial.cKDTree(checked_cloud("points", points), balanced_tree=False, compact_nodes=False)
+
+
+def nearest_squared(query: Floats, tree: "scipy.spatial.cKDTree") -> Array:
+    """Compute the squared distance, (N,) m², from each query point (N, 3) to the nearest of a tree's (M, 3)."""
+    query = checked_cloud("query", query)
+    return np.asarray(np.square(query - tree.data[tree.query(query)[1]]).sum(axis=1))
 
 
 @dataclass(frozen=True)
@@ -52,9 +56,10 @@ class CloudDistances:
         return 2 * precision * recall / (precision + recall) if precision + recall else 0.0
 
 
-def cloud_distances(predicted: Floats, truth: Floats) -> CloudDistances:
-    """Compute the squared nearest distances between two clouds, (P, 3) and (T, 3), both ways."""
-    return CloudDistances(nearest_squared(predicted, truth), nearest_squared(truth, predicted))
+def cloud_distances(predicted: Floats, truth: "Floats | scipy.spatial.cKDTree") -> CloudDistances:
+    """Compute the squared nearest distances between two clouds, (P, 3) and (T, 3), both ways; `truth` may be its search tree."""
+    tree = truth if isinstance(truth, scipy.spatial.cKDTree) else search_tree(truth)
+    return CloudDistances(nearest_squared(predicted, tree), nearest_squared(tree.data, search_tree(predicted)))
 
 
 def sampling_distance(area: float, count: int) -> float:

@@ -2,14 +2,16 @@
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 
 import numpy as np
 import scipy
 
 from pipeline.kernels.arrays import Array, Array32, Floats, Indices, Mask
+from pipeline.kernels.metrics.cloud_distances import search_tree
 
-COARSE = (32, 256)  # points by which clouds are compared, level by level, before all points are
+SITES = 12  # per side of the grid around many clouds, by which most are excluded at once
+COARSE = 256  # points by which the others are compared before all points are
 ROUNDING = 1 - 1e-9  # factor that keeps a bound below its distance despite rounding
 
 
@@ -27,45 +29,64 @@ class RetrievalCloud:
     @cached_property
     def tree(self) -> "scipy.spatial.cKDTree":
         """The search tree of the points."""
-        return scipy.spatial.cKDTree(self.points)
+        return search_tree(self.points)
 
     @cached_property
-    def coarse(self) -> tuple[tuple[Floats, Indices, Array], ...]:
-        """Per level: a subset of the points, (K, 3), the number of its nearest point to each point, (N,), and their distance, (N,)."""
-        levels = []
-        for count in COARSE:
-            points = self.points[np.linspace(0, len(self.points) - 1, min(count, len(self.points))).astype(int)]
-            distances, nearest = scipy.spatial.cKDTree(points).query(self.points)
-            levels.append((points, nearest, distances))
-        return tuple(levels)
+    def coarse(self) -> tuple[Floats, Indices, Array]:
+        """A subset of the points, (K, 3), the number of its nearest point to each point, (N,), and their distance, (N,)."""
+        points = self.points[np.linspace(0, len(self.points) - 1, min(COARSE, len(self.points))).astype(int)]
+        distances, nearest = search_tree(points).query(self.points)
+        return points, nearest, distances
 
-    def bound(self, target: "RetrievalCloud", level: int) -> float:
-        """Compute a lower bound of the mean squared distance to `target`, by the triangle inequality; at the last level, itself."""
-        if level == len(COARSE):
-            return mean_squared_distance(target.tree, self.points)
-        points, nearest, distances = self.coarse[level]
-        bounds = np.maximum(target.tree.query(points)[0][nearest] - distances, 0.0)
-        return float(np.square(bounds).mean()) * ROUNDING
+    def bound(self, target: "RetrievalCloud") -> float:
+        """Compute a lower bound of the mean squared distance to `target`, by the triangle inequality."""
+        points, nearest, distances = self.coarse
+        return float(np.square(np.maximum(target.tree.query(points)[0][nearest] - distances, 0.0)).mean()) * ROUNDING
+
+
+class SearchedClouds:
+    """Clouds among which the nearest to a query is searched, with their distances from a grid of sites around all of them."""
+
+    def __init__(self, clouds: Sequence[RetrievalCloud]) -> None:
+        self.clouds = clouds
+        low, high = (edge([edge(cloud.points, axis=0) for cloud in clouds], axis=0) for edge in (np.min, np.max))
+        self.sites = np.stack(np.meshgrid(*np.linspace(low, high, SITES).T), axis=-1).reshape(-1, 3)
+        self._tree = search_tree(self.sites)
+        self._gaps = np.stack([cloud.tree.query(self.sites)[0] for cloud in clouds])  # (cloud, site) to the nearest point
+        self._places = [self._tree.query(cloud.points) for cloud in clouds]  # of each point, distance from the nearest site, and its number
+
+    def bounds(self, query: RetrievalCloud, *, both: bool) -> Array:  # (cloud,)
+        """Compute lower bounds of a query's distances, see `nearest_cloud`, by the triangle inequality over the nearest sites."""
+        apart, site = self._tree.query(query.points)
+        bounds = np.square(np.maximum(self._gaps[:, site] - apart, 0.0)).mean(axis=1)
+        if both:
+            gaps = query.tree.query(self.sites)[0]
+            bounds += [np.square(np.maximum(gaps[site] - apart, 0.0)).mean() for apart, site in self._places]
+        return np.asarray(bounds * ROUNDING)
 
 
 def nearest_cloud(
     query: RetrievalCloud,
-    clouds: Sequence[RetrievalCloud],  # in the query's frame
+    searched: SearchedClouds,  # in the query's frame
     *,
     both: bool,  # the Chamfer distance, or the mean squared distance from the query's points alone
     below: float = np.inf,  # only a smaller distance counts
 ) -> tuple[float, int] | None:  # distance, in the square of the clouds' unit, and number of the first cloud that has it
     """Find the cloud nearest to a query, as a comparison with all would, to the bit: the least bound is refined until it is exact."""
-    queue = [(0.0, False, number, 0) for number in range(len(clouds))]  # bound, whether it is the distance, cloud, level
+    queue = [(bound, 0, number) for number, bound in enumerate(searched.bounds(query, both=both).tolist())]
+    heapify(queue)  # of bound, how often it was refined, cloud; refined twice, it is the distance
     while queue:
-        bound, exact, number, level = heappop(queue)
+        bound, refined, number = heappop(queue)
         if bound >= below:
             return None
-        if exact:
+        if refined == 2:
             return bound, number
-        closer = query.bound(clouds[number], level) + (clouds[number].bound(query, level) if both else 0.0)
-        exact = level == len(COARSE)
-        heappush(queue, (closer if exact else max(bound, closer), exact, number, level + 1))
+        cloud = searched.clouds[number]
+        if refined:
+            closer = mean_squared_distance(cloud.tree, query.points) + (mean_squared_distance(query.tree, cloud.points) if both else 0.0)
+        else:
+            closer = max(bound, query.bound(cloud) + (cloud.bound(query) if both else 0.0))
+        heappush(queue, (closer, refined + 1, number))
     return None
 
 

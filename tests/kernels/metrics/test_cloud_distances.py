@@ -15,6 +15,7 @@ from pipeline.kernels.metrics.cloud_distances import (
     sampling_distance,
     sampling_floor,
     sampling_share,
+    search_tree,
 )
 
 
@@ -30,6 +31,15 @@ def plane(count, rng, *, width=1.0, height=0.0):
 def test_chamfer_of_parallel_planes_is_twice_their_squared_distance():
     grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0), [0.0]), axis=-1).reshape(-1, 3)
     assert cloud_distances(grid, grid + [0, 0, 0.3]).chamfer == pytest.approx(2 * 0.3**2)
+
+
+def test_distances_of_a_search_tree_are_the_least_of_all_pairs():
+    rng = np.random.default_rng(2)
+    predicted, truth = sphere(1.0, 300, rng), sphere(1.1, 400, rng)
+    pairs = np.square(predicted[:, None] - truth).sum(axis=2)
+    for distances in (cloud_distances(predicted, truth), cloud_distances(predicted, search_tree(truth))):
+        np.testing.assert_array_equal(distances.predicted, pairs.min(axis=1))
+        np.testing.assert_array_equal(distances.truth, pairs.min(axis=0))
 
 
 def test_the_mean_distance_is_in_metres_and_the_mean_of_both_directions():

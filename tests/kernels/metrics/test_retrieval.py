@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.kernels.metrics.retrieval import RetrievalCloud, chamfer_matrix, nearest_cloud, silhouette_overlap
+from pipeline.kernels.metrics.retrieval import RetrievalCloud, SearchedClouds, chamfer_matrix, nearest_cloud, silhouette_overlap
 from tests.references.all_pairs import chamfer_to_all, squared_distance_to_all
 
 
@@ -29,7 +29,7 @@ def test_chamfer_matrix_of_points_on_a_line():
 @pytest.mark.parametrize("both", [True, False])
 def test_nearest_cloud_equals_that_of_exhaustive_search(both):
     clouds, queries = shapes(16, 0), shapes(4, 1)
-    searched = [RetrievalCloud(cloud) for cloud in clouds]
+    searched = SearchedClouds([RetrievalCloud(cloud) for cloud in clouds])
     for cloud in (*queries, clouds[5]):
         every = chamfer_to_all(cloud, clouds) if both else squared_distance_to_all(cloud, clouds)
         value, number = nearest_cloud(RetrievalCloud(cloud), searched, both=both) or (np.nan, -1)
@@ -40,8 +40,16 @@ def test_nearest_cloud_equals_that_of_exhaustive_search(both):
 
 def test_first_of_equal_clouds_is_the_nearest():
     cloud, other = shapes(2, 2)
-    nearest = nearest_cloud(RetrievalCloud(cloud), [RetrievalCloud(one) for one in (other, other + 0.01, cloud, cloud)], both=True)
-    assert nearest == (0.0, 2)
+    searched = SearchedClouds([RetrievalCloud(one) for one in (other, other + 0.01, cloud, cloud)])
+    assert nearest_cloud(RetrievalCloud(cloud), searched, both=True) == (0.0, 2)
+
+
+def test_bounds_of_sites_are_below_the_distances_and_near_those_of_far_clouds():
+    clouds, query = [cloud + [0.4 * number, 0, 0] for number, cloud in enumerate(shapes(6, 3))], shapes(1, 4)[0]
+    bounds = SearchedClouds([RetrievalCloud(cloud) for cloud in clouds]).bounds(RetrievalCloud(query), both=True)
+    distances = np.array(chamfer_to_all(query, clouds))
+    assert (bounds <= distances).all()
+    assert (bounds[2:] > 0.5 * distances[2:]).all()
 
 
 def test_overlap_is_intersection_over_union():
