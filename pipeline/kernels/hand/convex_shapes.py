@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, cast
 
-import igl
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -105,6 +104,8 @@ def _exact_hull(points: Array) -> Mesh:
 
 def _nearest(points: Array, mesh: Mesh) -> tuple[Array, NDArray[np.int64]]:
     """Compute the distances (N,) of points (N, 3) from a mesh, m, and the nearest faces (N,)."""
+    import igl  # 27 MB, for hands with convex parts only
+
     squared, face, _ = igl.point_mesh_squared_distance(points, mesh.vertices, without_slivers(mesh.vertices, mesh.faces.astype(np.int64)))
     return np.sqrt(squared), face
 
