@@ -129,7 +129,7 @@ def build_distance_field(
     sign = np.where(inside == 1, -1.0, 1.0)
     sign[near] = np.where(field._is_inside(closest, away, distance[near]), -1.0, 1.0)
     records[..., 0] = distance * sign
-    records[(*near, slice(1, 4))] = away * sign[near][:, None]
+    records[..., 1:][near] = away * sign[near][:, None]
     return field
 
 
