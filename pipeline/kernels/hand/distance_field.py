@@ -2,14 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import igl
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Array32, Integers, Mask
-from pipeline.kernels.geometry.face_tree import FaceTree, build_face_tree, nearest_points
 from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products, without_slivers
 from pipeline.kernels.geometry.transforms import transform_points, unit_vectors
 from pipeline.kernels.hand.collision_shapes import CollisionSpheres
@@ -38,7 +39,7 @@ class DistanceField:
 
     vertices: Array  # (V, 3) m
     faces: Integers  # (F, 3); slivers are edges that are run through twice
-    tree: FaceTree
+    tree: igl.AABB
     origin: Array  # (3,) centre of the first cell, m
     cell: float  # m, side of a cell
     records: Array32  # (X, Y, Z, 4) signed distance of every cell's centre, m, and its gradient
@@ -68,7 +69,7 @@ class DistanceField:
             return np.empty(0)
         if not np.isfinite(points).all():
             raise ValueError(f"{np.count_nonzero(~np.isfinite(points))} coordinates of points are NaN or infinite; pass finite points")
-        squared, _, closest = nearest_points(self.tree, points)
+        squared, _, closest = self.tree.squared_distance(self.vertices, self.faces, np.ascontiguousarray(points))
         distance: Array = np.sqrt(squared)
         distance[self._is_inside(closest, unit_vectors(points - closest), distance)] *= -1
         return distance
@@ -85,7 +86,7 @@ class DistanceField:
             points, undecided = points[side < 0], undecided[side < 0]
             if not len(undecided):
                 break
-            squared, _, closest = nearest_points(self.tree, points)
+            squared, _, closest = self.tree.squared_distance(self.vertices, self.faces, points)
             distance, direction = np.sqrt(squared), unit_vectors(points - closest)
         return inside
 
@@ -103,18 +104,19 @@ def build_distance_field(
         raise InvalidInput("a mesh of 0 faces has no distance from anything")
     check_coordinates(vertices[faces].reshape(-1, 3), "corners of faces")
     faces = without_slivers(vertices, faces)
-    tree = build_face_tree(vertices, faces)
+    tree = igl.AABB()
+    tree.init(vertices, faces)
     low, high = vertices[faces].min(axis=(0, 1)), vertices[faces].max(axis=(0, 1))
     cell, margin, blocks = _grid_layout(high - low, cell, band)
     low = low - margin
     block_centres = low + (np.argwhere(np.ones(blocks)) + 0.5) * cell * BLOCK
-    block_distance = np.sqrt(nearest_points(tree, block_centres)[0]).reshape(blocks)
+    block_distance = np.sqrt(tree.squared_distance(vertices, faces, block_centres)[0]).reshape(blocks)
     reach = BLOCK * cell * np.sqrt(3) / 2  # from a block's centre to its corner
-    distance = np.kron(np.maximum(block_distance - reach, margin), np.ones((BLOCK,) * 3))
-    near_cells = (BLOCK * np.argwhere(block_distance <= margin + reach)[:, None] + np.argwhere(np.ones((BLOCK,) * 3))).reshape(-1, 3)
-    centres, near = low + (near_cells + 0.5) * cell, tuple(near_cells.T)
-    squared, face, closest = nearest_points(tree, centres, BLOCK**3)
-    distance[near] = np.sqrt(squared)
+    distance = _per_cell(np.maximum(block_distance - reach, margin))
+    is_near = _per_cell(block_distance <= margin + reach)
+    centres = low + (np.argwhere(is_near) + 0.5) * cell
+    squared, face, closest = tree.squared_distance(vertices, faces, centres)
+    distance[is_near] = np.sqrt(squared)
 
     # Between neighbouring centres with a surface between them, one is at most half a cell from it: no path leaks through.
     is_open = distance > cell / 2 * (1 + 1e-6)
@@ -123,13 +125,13 @@ def build_distance_field(
     records = np.zeros((*distance.shape, 4), np.float32)
     field = DistanceField(vertices, faces, tree, low + cell / 2, cell, records, inside)
 
-    away, on_surface = centres - closest, distance[near] <= ON_SURFACE_CELLS * cell
+    away, on_surface = centres - closest, distance[is_near] <= ON_SURFACE_CELLS * cell
     away[on_surface] = face_cross_products(vertices[faces[face[on_surface]]])  # there is no direction away from it: either side is right
     away = unit_vectors(away)
     sign = np.where(inside == 1, -1.0, 1.0)
-    sign[near] = np.where(field._is_inside(closest, away, distance[near]), -1.0, 1.0)
+    sign[is_near] = np.where(field._is_inside(closest, away, distance[is_near]), -1.0, 1.0)
     records[..., 0] = distance * sign
-    records[..., 1:][near] = away * sign[near][:, None]
+    records[is_near, 1:] = away * sign[is_near][:, None]
     return field
 
 
@@ -141,6 +143,12 @@ def _grid_layout(extent: Array, cell: float, band: float) -> tuple[float, float,
         if blocks.prod() * BLOCK**3 <= MAX_CELLS:
             return cell, margin, blocks.astype(np.int64)
         cell *= 1.05  # a few dozen rounds for the largest objects
+
+
+def _per_cell(values: NDArray[Any]) -> NDArray[Any]:
+    for axis in range(3):
+        values = np.repeat(values, BLOCK, axis=axis)
+    return values
 
 
 def gel_grid(hand: Hand, sensors: Sequence[Sensor]) -> Array:  # (S, PROBES², 3) in the frame of the sensor's link, m
