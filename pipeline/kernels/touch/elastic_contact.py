@@ -24,9 +24,9 @@ GAUSS = (-0.5 / 3**0.5, 0.5 / 3**0.5)  # nodes of a quadrature over a cell, in c
 MAX_CELLS = 160  # along the longer side of an image, on which contact is solved; with more pixels, several share a cell
 TOLERANCE = 1e-4  # root mean square of the gap in the contact over the deepest impression; the force errs by as much
 PEAK = 4  # largest gap, in tolerances; around the contact it is one
-MAX_STEPS = 300  # eight times the most that any of 2800 random presses into random gels has needed
+MAX_STEPS = 300  # seven times the most that any of 2800 random presses into random gels has needed
 MARGIN = 2  # cells between the opposite rims of a window in `_stiffness`
-FIRST_LENGTH = 0.6  # of a step; stiffness times displacement is from 0.9 to 2, but for very thin layers
+FIRST_LENGTH = 0.6  # of a step; stiffness times displacement is from 0.9 to 2, except in very thin layers
 
 
 @lru_cache(maxsize=8)
