@@ -51,7 +51,7 @@ def level_set_mesh(
         reach, step, coarse = np.sqrt(3) / 2 * step, step / 2, values  # a cell's middle is as far from its corners
         values = _double_resolution(coarse)
         computed = np.abs(values) <= reach
-        if number == halvings - 1:  # most points are here, and no steep part is hidden between two of them
+        if number == halvings - 1:  # with most points; on coarser grids the wider band finds parts where the field is steeper
             at = np.argwhere(computed)
             around = np.stack([coarse[tuple((at + corner).T // 2)] for corner in CELL_CORNERS])  # (8, N) at the coarser points
             apart = step * np.sqrt((at % 2).sum(axis=1))
