@@ -49,12 +49,13 @@ def level_set_mesh(
     _evaluate(values, np.ones(values.shape, bool), field, low, step)
     for number in range(halvings):
         reach, step, coarse = np.sqrt(3) / 2 * step, step / 2, values  # a cell's middle is as far from its corners
-        values = _double_resolution(coarse, lambda first, second: (first + second) / 2)
+        values = _double_resolution(coarse)
         computed = np.abs(values) <= reach
-        if number == halvings - 1:  # most points are here, and no steep part is hidden between two of them
-            x, y, z = (np.arange(count) % 2 for count in values.shape)  # 1 between two coarser points
-            apart = step * np.sqrt(x[:, None, None] + y[:, None] + z)
-            computed &= (_double_resolution(coarse, np.maximum) <= apart) & (_double_resolution(coarse, np.minimum) >= -apart)
+        if number == halvings - 1:  # with most points; on coarser grids the wider band finds parts where the field is steeper
+            at = np.argwhere(computed)
+            around = np.stack([coarse[tuple((at + corner).T // 2)] for corner in CELL_CORNERS])  # (8, N) at the coarser points
+            apart = step * np.sqrt((at % 2).sum(axis=1))
+            computed[computed] = (around.max(axis=0) <= apart) & (around.min(axis=0) >= -apart)
         if dense_points is not None:
             _mark_cells_around(computed, np.asarray(dense_points) - low, step, dense_radius)
         _evaluate(values, computed, field, low, step)
@@ -90,12 +91,12 @@ def _mark_cells_around(where: Mask, positions: Array, step: float, radius: float
         where[tuple(map(slice, first, last))] = True
 
 
-def _double_resolution(values: Array, between: Callable[[Array, Array], Array]) -> Array:
-    """Refine a grid to (2 N - 1) values along each axis, of N, by a function of neighbours: their mean, for example."""
+def _double_resolution(values: Array) -> Array:
+    """Interpolate between neighbours: (2 N - 1) values along each axis, of N."""
     for axis in range(3):
         along = np.moveaxis(values, axis, 0)
         finer = np.repeat(along, 2, axis=0)[:-1]
-        finer[1::2] = between(along[:-1], along[1:])
+        finer[1::2] = (along[:-1] + along[1:]) / 2
         values = np.moveaxis(finer, 0, axis)
     return values
 
