@@ -9,7 +9,7 @@ import scipy
 from pipeline.kernels.arrays import Array, Array32, Floats, Mask
 from pipeline.kernels.metrics.cloud_distances import search_tree
 
-SITES = 12  # per side of the grid around many clouds, by which most are excluded at once
+SITES = 16  # per side of the grid around many clouds, by which most are excluded at once
 ROUNDING = 1 - 1e-9  # factor that keeps a bound below its distance despite rounding
 
 
