@@ -5,6 +5,7 @@
 
 import sys
 import time
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -12,7 +13,7 @@ import trimesh
 import vt_pipeline as vt
 
 TOUCHES = 40
-GEL = {
+GEL: dict[str, dict[str, Any]] = {
     "elastic": {"membrane": 0.0, "gel": {"modulus": 2e5}},  # a gel of 4 mm
     "membrane": {"membrane": 9e-4, "gel": None},  # with the shadows of the shipped GelSight
 }

@@ -69,7 +69,7 @@ def _repeat_artifact(collection: Collection, target: RepeatedDirectory, manifest
     by_class = defaultdict(list)
     for name in collection:
         by_class[collection.row(name).category].append(name)
-    work = target.work(artifact.name)
+    work = Path(str(target.work(artifact.name)))
     saved = {}
     for name in collection:
         row, key = collection.view(name).verify(), collection.row(name).key

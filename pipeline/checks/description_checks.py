@@ -23,8 +23,7 @@ from pipeline.kernels.touch.calibrated_shading import fitted_range, slope_degree
 from pipeline.kernels.touch.depth_maps import gel_surface, normal_force, press_gel
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
-from pipeline.kernels.vision.camera import camera_pose, project_points, projection_matrix
-from pipeline.kernels.vision.scene import Camera
+from pipeline.kernels.vision.camera import Camera, camera_pose, project_points, projection_matrix
 
 ENTRIES: dict[Kind, set[str]] = {
     "sensor": {"w", "rows", "cols"},

@@ -30,9 +30,7 @@ def for_few(function: F) -> F:
 
     @wraps(function)
     def run(*arguments: object) -> object:
-        if "numba" in sys.modules:
-            return function(*arguments)
-        before = _uncompiled.set(True)
+        before = _uncompiled.set("numba" not in sys.modules)
         try:
             with np.errstate(all="ignore"):
                 return function(*arguments)

@@ -13,7 +13,7 @@ def network_input(images: Tensor, dtype: torch.dtype) -> Tensor:
     """Convert stored images (B, H, W, 3) uint8 to a network's input (B, 3, H, W) in [0, 1]; channels stay last in memory."""
     if images.dtype != torch.uint8 or images.ndim != 4 or images.shape[3] != COLOURS:
         raise ValueError(f"images are {tuple(images.shape)} {images.dtype}; stored images are (B, H, W, {COLOURS}) uint8")
-    return images.permute(0, 3, 1, 2).to(dtype) / WHITE
+    return images.permute(0, 3, 1, 2).to(dtype).div_(WHITE)
 
 
 def check_intensities(name: str, images: Tensor) -> None:
@@ -26,13 +26,11 @@ def check_intensities(name: str, images: Tensor) -> None:
 def draw_weights(network: nn.Module, generator: torch.Generator | None) -> None:
     """Draw He's normal weights for all convolutions and linear layers of a network, in place; biases are zero.
 
-    Layers are set in the order of their names. Equal generators give equal weights; None is torch's global one. Weights on the device
-    meta have no values to draw. (He et al., Delving Deep into Rectifiers, 2015: features keep their size through 25 layers of ReLU.)
+    Layers are set in the order of their names. Equal generators give equal weights; None is torch's global one.
+    (He et al., Delving Deep into Rectifiers, 2015: features keep their size through 25 layers of ReLU.)
     """
     for name, parameter in network.named_parameters():
-        if parameter.is_meta:
-            continue  # a draw would import torch's compiler, which takes as long as torch
-        if parameter.ndim > 1:
+        if parameter.ndim > 1 and not parameter.is_meta:  # a draw there imports torch's compiler, which takes as long as torch
             nn.init.kaiming_normal_(parameter, nonlinearity="relu", generator=generator)
         elif name.endswith("bias"):
             nn.init.zeros_(parameter)

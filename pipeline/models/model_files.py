@@ -71,11 +71,9 @@ def load_network(
             f"{len(differing)} arrays of {WEIGHTS} differ from {DESCRIPTION}, {name} first: "
             f"{stored.get(name, 'missing')}, not {expected.get(name, 'there')}",
         )
-    placed = {  # in the network's types and memory layouts
-        name: torch.empty_strided(value.shape, value.stride(), dtype=value.dtype, device=device).copy_(weights.pop(name))
-        for name, value in network.state_dict().items()
-    }
-    network.load_state_dict(placed, assign=True)
+    for name, value in network.state_dict().items():  # in the network's types and memory layouts
+        weights[name] = torch.empty_strided(value.shape, value.stride(), dtype=value.dtype, device=device).copy_(weights[name])
+    network.load_state_dict(weights, assign=True)
     return network.eval()
 
 

@@ -170,11 +170,9 @@ class Shard:
         stacked = name in self.artifact.arrays and self.artifact.arrays[name].per_object
         of_object = f" of {self.record.rows[position].object_id}" if stacked and isinstance(position, int) else ""
         with self.errors_as_damage(f"{name}{of_object} cannot be read"):
-            if declared and array.has_layout_of(declared):
-                if stacked and isinstance(index, int) and self.record.rows[index].failure is None:
-                    return array.read(declared, index)
-                if not stacked and index is ...:
-                    return array.read(declared)
+            is_whole = index is ... if not stacked else isinstance(index, int) and self.record.rows[index].failure is None
+            if declared and is_whole and array.has_layout_of(declared):
+                return array.read(declared, index if stacked else None)
             return np.asarray(self.array(name)[index])
 
     def check_arrays(self) -> None:

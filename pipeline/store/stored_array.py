@@ -46,9 +46,8 @@ class StoredArray:
 
     def has_layout_of(self, array: Array) -> bool:
         """Check that the array is on a disk, in files as this version lays out such an array: `read` reads no other."""
-        if on_disk(self.path) is None:
-            return False
-        return self.file_shape == chunking(array, self.shape)[0] and self.codecs == array_codecs(array, self.shape)
+        layout = chunking(array, self.shape)[0], array_codecs(array, self.shape)
+        return on_disk(self.path) is not None and (self.file_shape, self.codecs) == layout
 
     def read(self, array: Array, position: int | None = None) -> np.ndarray:
         """Read the entry of an object; without a position the array, which is one file."""

@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from importlib import import_module, resources
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,7 +19,6 @@ from pipeline.kernels.vision.camera import Camera, Vector, camera_pose
 from pipeline.kernels.vision.primitives import Primitive, mesh_primitives
 from pipeline.kernels.vision.scene import Label, Scene
 from pipeline.store.temporary import environment
-from stages.render_vision.surface import Shader, Surface
 
 PACKAGES = "libegl1 libgl1 libxrender1 libgl1-mesa-dri"  # Debian's and Ubuntu's names of what headless rendering needs
 PLATFORM = "PYOPENGL_PLATFORM"  # the environment variable that tells PyOpenGL, on import, how to find OpenGL's functions
@@ -28,6 +27,14 @@ SAME_ON_EVERY_PROCESSOR = {"GALLIUM_OVERRIDE_CPU_CAPS": "sse4.1", "LP_NATIVE_VEC
 NEAR_PLANE, FAR_PLANE = 0.05, 20.0  # m from the camera, between which surfaces are drawn: enough for a hand and an object
 CLOSE_PLANE = 0.005  # m, in place of `NEAR_PLANE` where a mesh comes nearer, as to a camera at the wrist; depths are a tenth as exact
 REACH = 10.0  # m from the world's origin, within which a camera farther away draws all surfaces
+
+
+class Surface(NamedTuple):
+    """Triangles of one material in OpenGL's memory: pyrender's primitive, and its programs that draw it in colours and as a label."""
+
+    primitive: Any
+    in_color: Any
+    as_label: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +85,7 @@ class OpenGLContext:
                 self._renderer = pyrender.Renderer(resolution, resolution)
                 # pyrender's own shaders take three times as long on a CPU and light one side of a face only
                 self._renderer._program_cache = ShaderProgramCache(shader_dir=str(shader_paths()[0].parent))
-                self._shader = cache(partial(Shader, GL))
+                self._place = cache(GL.glGetUniformLocation)
         except Exception as error:  # EGL, PyOpenGL and pyrender each fail in their own way, AttributeError among them
             raise NoOpenGL(
                 f"headless OpenGL (EGL) does not start: {error!r}. On Debian or Ubuntu: apt-get install {PACKAGES}. "
@@ -89,9 +96,17 @@ class OpenGLContext:
         """Bring triangles into OpenGL's memory, and link the programs that draw them."""
         self.make_current()
         drawn, flags = _gl_primitive(self.pyrender, primitive), self.pyrender.RenderFlags
+        drawn._add_to_context()
+        for texture in drawn.material.textures:
+            texture._add_to_context()
         use = self.pyrender.constants.ProgramFlags.USE_MATERIAL
-        programs = [self._renderer._get_primitive_program(drawn, kind, use) for kind in (flags.NONE, flags.SEG)]
-        return Surface(self.gl, drawn, *map(self._shader, programs))
+        return Surface(drawn, *(self._renderer._get_primitive_program(drawn, kind, use) for kind in (flags.NONE, flags.SEG)))
+
+    def free(self, surface: Surface) -> None:
+        """Free the buffers and the texture of a surface."""
+        self.make_current()
+        for of_opengl in (surface.primitive, *surface.primitive.material.textures):
+            of_opengl.delete()
 
     def make_current(self) -> None:
         """Let OpenGL's functions work in this context."""
@@ -106,8 +121,8 @@ class OpenGLContext:
         *,
         as_labels: bool,  # at pixels' centres, instead of colours with four samples per pixel
     ) -> None:
-        """Draw meshes into the framebuffer that `read` reads."""
-        gl, renderer = self.gl, self._renderer
+        """Draw meshes into the framebuffer that is read: pyrender's buffers and programs without its scene, whose Python takes longer."""
+        gl, renderer, program = self.gl, self._renderer, None
         self.make_current()
         renderer.viewport_height, renderer.viewport_width = shape
         renderer._configure_forward_pass_viewport(self.pyrender.RenderFlags.OFFSCREEN)
@@ -115,19 +130,32 @@ class OpenGLContext:
         gl.glEnable(gl.GL_CULL_FACE)
         gl.glClearColor(*background, 1.0)
         gl.glClear(gl.GL_COLOR_BUFFER_BIT | gl.GL_DEPTH_BUFFER_BIT)
-        shader = None
         for handle, pose in meshes:
             for surface in handle.surfaces:
-                if shader is not (wanted := surface.as_label if as_labels else surface.in_color):
-                    shader = wanted
-                    shader.use(values)
-                shader.set("M", pose.astype(np.float32))
-                shader.set("color", np.full(3, handle.label / 255, np.float32))
-                surface.draw(shader)
+                if program is not (wanted := surface.as_label if as_labels else surface.in_color):
+                    program = wanted
+                    program._bind()
+                    self._set(program, values)
+                material = surface.primitive.material
+                label, color = np.full(3, handle.label / 255), material.baseColorFactor
+                self._set(program, {"M": pose, "color": label, "material.base_color_factor": color})
+                for texture in material.textures:
+                    texture._bind()
+                gl.glBindVertexArray(surface.primitive._vaid)
+                gl.glDrawElements(gl.GL_TRIANGLES, surface.primitive.indices.size, gl.GL_UNSIGNED_INT, None)
         if not as_labels:
             gl.glBindFramebuffer(gl.GL_DRAW_FRAMEBUFFER, renderer._main_fb)
             gl.glBlitFramebuffer(*2 * (0, 0, *shape[::-1]), gl.GL_COLOR_BUFFER_BIT, gl.GL_LINEAR)
             gl.glBindFramebuffer(gl.GL_READ_FRAMEBUFFER, renderer._main_fb)
+
+    def _set(self, program: Any, values: Mapping[str, Array | Array32]) -> None:  # (1,), (3,), (4,) or (4, 4)
+        """Set uniforms, those that the program has."""
+        for name, value in values.items():
+            place, numbers = self._place(program._program_id, name), value.astype(np.float32)
+            if place >= 0 and value.ndim == 2:
+                self.gl.glUniformMatrix4fv(place, 1, self.gl.GL_TRUE, numbers)
+            elif place >= 0:
+                getattr(self.gl, f"glUniform{len(value)}fv")(place, 1, numbers)
 
     def read_colors(self, shape: tuple[int, int]) -> NDArray[np.uint8]:  # (R, C, 4)
         """Read what was drawn, the top row first."""
@@ -184,9 +212,8 @@ class Renderer(AbstractContextManager["Renderer"]):
 
     def remove(self, handle: MeshHandle) -> None:
         """Remove a mesh; its buffers and textures are freed."""
-        self._context.make_current()
         for surface in handle.surfaces:
-            surface.delete()
+            self._context.free(surface)
 
     @contextmanager
     def added(self, mesh: Mesh, label: Label) -> Iterator[MeshHandle]:
@@ -204,25 +231,20 @@ class Renderer(AbstractContextManager["Renderer"]):
         lamp: Vector | None = None,  # replaces the position of the scene's lamp, world frame, m
     ) -> RenderedImage:
         """Render only the given meshes."""
-        view = self._view(meshes, camera, lamp)
-        rgb = self._colors(meshes, view)
-        self._context.draw(meshes, view.uniforms, (0.0, 0.0, 0.0), view.shape, as_labels=True)
-        segmentation = np.ascontiguousarray(self._context.read_colors(view.shape)[..., 0])
-        depth = self._context.read_depth(view.shape, view.lens.znear, view.lens.zfar)
+        rgb, lens, uniforms = self._colors(meshes, camera or self._camera, lamp)
+        shape = rgb.shape[0], rgb.shape[1]
+        self._context.draw(meshes, uniforms, (0.0, 0.0, 0.0), shape, as_labels=True)
+        segmentation = np.ascontiguousarray(self._context.read_colors(shape)[..., 0])
+        depth = self._context.read_depth(shape, lens.znear, lens.zfar)
         return RenderedImage(rgb, segmentation, np.where(segmentation == Label.BACKGROUND, np.float32(np.inf), depth))
 
-    def render_colors(
-        self, meshes: Sequence[PosedMesh], camera: Camera | None = None, lamp: Vector | None = None
-    ) -> NDArray[np.uint8]:  # (R, C, 3)
-        """Render the colours that `render` gives, in half the time."""
-        return self._colors(meshes, self._view(meshes, camera, lamp))
+    def render_colors(self, meshes: Sequence[PosedMesh], camera: Camera | None = None, lamp: Vector | None = None) -> NDArray[np.uint8]:
+        """Render the colours that `render` gives, (R, C, 3), in half the time."""
+        return self._colors(meshes, camera or self._camera, lamp)[0]
 
-    def _colors(self, meshes: Sequence[PosedMesh], view: "_View") -> NDArray[np.uint8]:
-        self._context.draw(meshes, view.uniforms, self._background, view.shape, as_labels=False)
-        return np.ascontiguousarray(self._context.read_colors(view.shape)[..., :3])
-
-    def _view(self, meshes: Sequence[PosedMesh], camera: Camera | None, lamp: Vector | None) -> "_View":
-        camera = camera or self._camera
+    def _colors(
+        self, meshes: Sequence[PosedMesh], camera: Camera, lamp: Vector | None
+    ) -> tuple[NDArray[np.uint8], Any, dict[str, Array32]]:  # (R, C, 3), pyrender's camera, and the uniforms of further drawings
         pose, shape = camera_pose(camera), camera.shape
         lens = _gl_camera(self._context.pyrender, camera, _least_depth(meshes, pose))
         values = {
@@ -232,15 +254,9 @@ class Renderer(AbstractContextManager["Renderer"]):
             "point_lights[0].position": lamp or self._lamp_position,
             **self._light,
         }
-        return _View(shape, lens, {name: np.asarray(value, np.float32) for name, value in values.items()})
-
-
-class _View(NamedTuple):
-    """A camera and the lamps, for OpenGL."""
-
-    shape: tuple[int, int]  # rows, columns
-    lens: Any  # a `pyrender.Camera`
-    uniforms: dict[str, Array32]
+        uniforms = {name: np.asarray(value, np.float32) for name, value in values.items()}
+        self._context.draw(meshes, uniforms, self._background, shape, as_labels=False)
+        return np.ascontiguousarray(self._context.read_colors(shape)[..., :3]), lens, uniforms
 
 
 def _least_depth(meshes: Sequence[PosedMesh], pose_of_camera: Array) -> float:

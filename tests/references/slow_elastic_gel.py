@@ -52,3 +52,43 @@ def bonded(distance: float, poisson: float, thickness: float) -> float:
         return (layer - 1) * float(j0(q * distance)) / np.pi
 
     return quad(integrand, 0, 20 / thickness, limit=400, epsabs=1e-9 / thickness)[0]
+
+
+def slow_spread(pressure: np.ndarray, pressed: np.ndarray, factor: int) -> np.ndarray:
+    """Spread the pressure on each cell over its pressed pixels, falling to the lesser neighbour, with the cell's force."""
+    offsets = (np.arange(factor) + 0.5) / factor - 0.5
+    fine = repeated(pressure, factor)
+    for axis in (0, 1):
+        edges = np.diff(pressure, axis=axis, prepend=np.take(pressure, [0], axis), append=np.take(pressure, [-1], axis))
+        before, after = np.delete(edges, -1, axis), np.delete(edges, 0, axis)
+        slope = np.where(before * after > 0, np.sign(after) * np.minimum(np.abs(before), np.abs(after)), 0)
+        steps = np.tile(offsets, pressure.shape[axis])
+        fine += repeated(slope, factor) * (steps[:, None] if axis == 0 else steps[None])
+    rows, cols = pressed.shape
+    padded = np.zeros_like(fine)
+    padded[:rows, :cols] = np.where(pressed, fine[:rows, :cols], 0)
+    means = padded.reshape(pressure.shape[0], factor, -1, factor).mean(axis=(1, 3))
+    share = np.divide(pressure, means, out=np.zeros_like(pressure), where=pressure > 0)
+    return (padded * repeated(share, factor))[:rows, :cols]
+
+
+def slow_refine(coarse: np.ndarray, factor: int, shape: tuple[int, int]) -> np.ndarray:
+    """Interpolate by cubics of Catmull and Rom along both axes; beyond the rim, along a line."""
+    for axis in (0, 1):
+        cells = coarse.shape[axis]
+        at = (np.arange(shape[axis]) + 0.5) / factor - 0.5
+        first, t = np.floor(at).astype(int) - 1, at % 1
+        weights = [t * (-0.5 + t * (1 - t / 2)), 1 + t * t * (-2.5 + 1.5 * t), t * (0.5 + t * (2 - 1.5 * t)), t * t * (-0.5 + t / 2)]
+        fine = np.zeros(tuple(np.insert(np.delete(coarse.shape, axis), axis, shape[axis])))
+        for k, weight in enumerate(weights):
+            inside = np.clip(first + k, 0, cells - 1)
+            towards = np.clip(inside - np.sign(first + k - inside), 0, cells - 1)
+            rim, inner = np.take(coarse, inside, axis), np.take(coarse, towards, axis)
+            beyond, weight = (part[:, None] if axis == 0 else part[None] for part in (np.abs(first + k - inside), weight))
+            fine += weight * (rim + beyond * (rim - inner))
+        coarse = fine
+    return coarse
+
+
+def repeated(cells: np.ndarray, factor: int) -> np.ndarray:
+    return np.repeat(np.repeat(cells, factor, axis=0), factor, axis=1)

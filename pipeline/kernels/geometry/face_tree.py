@@ -64,7 +64,8 @@ def _search_groups(tree: FaceTree, groups: Array) -> tuple[Array, Indices, Array
     for k in range(len(groups)):
         best, number = squared[k], face[k]
         for n in range(size):
-            best[n], points[0, n], points[1, n], points[2, n] = np.inf, groups[k, n, 0], groups[k, n, 1], groups[k, n, 2]
+            best[n], number[n] = np.inf, leaf * LEAF  # what it stays where squares overflow
+            points[0, n], points[1, n], points[2, n] = groups[k, n, 0], groups[k, n, 1], groups[k, n, 2]
         _search_leaf(tree.corners, leaf, points, best, number)  # the one that was nearest to the group before
         waiting[0], count = 0, 1
         while count:

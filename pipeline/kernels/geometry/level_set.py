@@ -47,12 +47,14 @@ def level_set_mesh(
         raise InvalidInput(f"{box} has {cells:.2g} cells, more than {MAX_CELLS}; take larger cells")
     values = np.zeros(count.astype(np.int64) + 1)
     _evaluate(values, np.ones(values.shape, bool), field, low, step)
-    for _ in range(halvings):
-        step /= 2
-        apart = _distances_from_coarser(values.shape, step)
-        computed = _double_resolution(values, np.maximum) <= apart
-        computed &= _double_resolution(values, np.minimum) >= -apart
-        values = _double_resolution(values, lambda first, second: (first + second) / 2)
+    for number in range(halvings):
+        reach, step, coarse = np.sqrt(3) / 2 * step, step / 2, values  # a cell's middle is as far from its corners
+        values = _double_resolution(coarse, lambda first, second: (first + second) / 2)
+        computed = np.abs(values) <= reach
+        if number == halvings - 1:  # most points are here, and no steep part is hidden between two of them
+            x, y, z = (np.arange(count) % 2 for count in values.shape)  # 1 between two coarser points
+            apart = step * np.sqrt(x[:, None, None] + y[:, None] + z)
+            computed &= (_double_resolution(coarse, np.maximum) <= apart) & (_double_resolution(coarse, np.minimum) >= -apart)
         if dense_points is not None:
             _mark_cells_around(computed, np.asarray(dense_points) - low, step, dense_radius)
         _evaluate(values, computed, field, low, step)
@@ -96,12 +98,6 @@ def _double_resolution(values: Array, between: Callable[[Array, Array], Array]) 
         finer[1::2] = between(along[:-1], along[1:])
         values = np.moveaxis(finer, 0, axis)
     return values
-
-
-def _distances_from_coarser(shape: tuple[int, ...], step: float) -> Array:
-    """Compute how far each point of a grid of twice the resolution of `shape`, `step` wide, is from the coarser points around it."""
-    x, y, z = (np.arange(2 * count - 1) % 2 for count in shape)  # 1 between two of them
-    return np.asarray(step * np.sqrt(x[:, None, None] + y[:, None] + z))
 
 
 def _crossed_cells(values: Array) -> Mask:

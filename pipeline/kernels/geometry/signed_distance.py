@@ -17,28 +17,23 @@ BALANCED = 1e-9  # share of the parts' volume below which their sum is rounding,
 
 
 def signed_distances(points: Array, vertices: Array, faces: Integers) -> Array:  # (N,) m
-    """Compute signed distances of points (N, 3) to a mesh: positive outside, negative inside, as `is_inside` has it.
+    """Compute signed distances of points (N, 3) to a mesh: positive outside, negative inside, as `inside_test` has it.
 
     They err by at most 1e-13 of the largest coordinate, beside slivers by 4e-6 of their length. Inside, where parts of the mesh overlap, a
     distance is that to the nearest face of any part: no more than that to the surface of the whole. A mesh need not be closed: both sides
     of an open sheet are outside.
     """
-    inside = is_inside(points, vertices, faces)
+    inside = inside_test(vertices, faces)(points)
     distances = np.sqrt(_squared_distances(points, vertices, faces))
     return np.asarray(np.where(inside, -distances, distances))
 
 
-def is_inside(points: Array, vertices: Array, faces: Integers) -> Mask:  # (N,)
-    """Find the points (N, 3) inside a surface by the generalised winding number (Jacobson et al., 2013; Barill et al., 2018).
+def inside_test(vertices: Array, faces: Integers) -> Callable[[Array], Mask]:  # (N, 3) -> (N,)
+    """Prepare a test which points are inside a surface, by the generalised winding number (Jacobson et al., 2013; Barill et al., 2018).
 
     Neighbouring faces may be wound against each other: the smaller area of a part is turned over. Parts that are turned inside out count
     as inside too, unless they lie within another: then they are its cavities.
     """
-    return inside_test(vertices, faces)(points)
-
-
-def inside_test(vertices: Array, faces: Integers) -> Callable[[Array], Mask]:
-    """Prepare `is_inside` of one surface for several sets of points."""
     if not len(faces):
         raise InvalidInput("a mesh without faces has neither surface nor inside")
     check_coordinates(vertices, "vertices")

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -39,15 +38,6 @@ class CollisionSpheres:
     def single(self) -> Spheres:
         """The spheres in float32, as compiled loops take them."""
         return Spheres(self.centres.astype(np.float32), self.radii.astype(np.float32), self.link)
-
-    def world_centres(self, frames: Array) -> Array:  # (..., B, 3) m
-        """Compute the centres for link frames (..., L, 4, 4), in the frame of reference of those."""
-        points = np.empty((*frames.shape[:-3], 3, len(self.link)))
-        starts = np.flatnonzero(np.diff(self.link, prepend=-1))  # of each link's spheres
-        for start, stop in pairwise([*starts, len(self.link)]):
-            rows, (x, y, z) = frames[..., self.link[start], :3, :, None], self.centres[start:stop].T
-            points[..., start:stop] = (rows[..., 0, :] * x + rows[..., 1, :] * y) + (rows[..., 2, :] * z + rows[..., 3, :])
-        return np.swapaxes(points, -1, -2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -104,7 +104,7 @@ def _exact_hull(points: Array) -> Mesh:
 
 def _nearest(points: Array, mesh: Mesh) -> tuple[Array, NDArray[np.int64]]:
     """Compute the distances (N,) of points (N, 3) from a mesh, m, and the nearest faces (N,)."""
-    import igl  # and SciPy's sparse matrices with it
+    import igl  # 27 MB, for hands with convex parts only
 
     squared, face, _ = igl.point_mesh_squared_distance(points, mesh.vertices, without_slivers(mesh.vertices, mesh.faces.astype(np.int64)))
     return np.sqrt(squared), face

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy
@@ -111,7 +110,7 @@ def build_distance_field(
     block_centres = low + (np.argwhere(np.ones(blocks)) + 0.5) * cell * BLOCK
     block_distance = np.sqrt(nearest_points(tree, block_centres)[0]).reshape(blocks)
     reach = BLOCK * cell * np.sqrt(3) / 2  # from a block's centre to its corner
-    distance = _per_cell(np.maximum(block_distance - reach, margin))
+    distance = np.kron(np.maximum(block_distance - reach, margin), np.ones((BLOCK,) * 3))
     near_cells = (BLOCK * np.argwhere(block_distance <= margin + reach)[:, None] + np.argwhere(np.ones((BLOCK,) * 3))).reshape(-1, 3)
     centres, near = low + (near_cells + 0.5) * cell, tuple(near_cells.T)
     squared, face, closest = nearest_points(tree, centres, BLOCK**3)
@@ -130,7 +129,7 @@ def build_distance_field(
     sign = np.where(inside == 1, -1.0, 1.0)
     sign[near] = np.where(field._is_inside(closest, away, distance[near]), -1.0, 1.0)
     records[..., 0] = distance * sign
-    records[(*near, slice(1, 4))] = away * sign[near][:, None]
+    records[..., 1:][near] = away * sign[near][:, None]
     return field
 
 
@@ -142,12 +141,6 @@ def _grid_layout(extent: Array, cell: float, band: float) -> tuple[float, float,
         if blocks.prod() * BLOCK**3 <= MAX_CELLS:
             return cell, margin, blocks.astype(np.int64)
         cell *= 1.05  # a few dozen rounds for the largest objects
-
-
-def _per_cell(values: NDArray[Any]) -> NDArray[Any]:
-    for axis in range(3):
-        values = np.repeat(values, BLOCK, axis=axis)
-    return values
 
 
 def gel_grid(hand: Hand, sensors: Sequence[Sensor]) -> Array:  # (S, PROBES², 3) in the frame of the sensor's link, m

@@ -123,7 +123,7 @@ def probe_contact(grid: Grid, probes: Array32, pose: Array32) -> tuple[Array32, 
                 pz = ((pose[2, 0] * x + pose[2, 1] * y) + pose[2, 2] * z) + pose[2, 3]
                 distance = _distance(grid, px, py, pz)
                 least = min(least, distance)
-                inside += distance < 0
+                inside += int(distance < 0)
             nearest[n, s], share[n, s] = least, np.float32(inside) / np.float32(probes.shape[3])
     return nearest, share
 

@@ -52,10 +52,14 @@ def antipodal_points(
     rng: np.random.Generator,
 ) -> AntipodalPoints:
     """Find pairs of points on an object whose normals oppose each other within the friction cone (Chen and Burdick, 1993)."""
+    import igl  # 27 MB, for hold searches only
+
+    tree = igl.AABB()
+    tree.init(field.vertices, field.faces)
     start = rng.integers(len(points), size=RAYS)
     origin, outward = points[start], normals[start]
     direction = unit_vectors(-outward + TILT * rng.standard_normal((RAYS, 3)))
-    hits = field.tree.intersect_ray(field.vertices, field.faces, origin, direction)
+    hits = tree.intersect_ray(field.vertices, field.faces, origin, direction)
     ray = np.repeat(np.arange(RAYS), [len(ray_hits) for ray_hits in hits])
     face, distance, _, _ = np.array([hit for ray_hits in hits for hit in ray_hits], np.float64).reshape(-1, 4).T
     origin, outward, direction = origin[ray], outward[ray], direction[ray]

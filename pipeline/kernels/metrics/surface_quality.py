@@ -12,7 +12,7 @@ from pipeline.kernels.arrays import Array, Integers, Mask
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products
 from pipeline.kernels.geometry.mesh_cleaning import group_by_position
-from pipeline.kernels.geometry.signed_distance import is_inside
+from pipeline.kernels.geometry.signed_distance import inside_test
 
 
 def surface_area(vertices: Array, faces: Integers) -> float:
@@ -109,7 +109,7 @@ def _volume(a: Array, b: Array, c: Array, d: Array) -> float:
 
 def intersection_over_union(first: tuple[Array, Integers], second: tuple[Array, Integers], points: Array) -> float:
     """Compute the intersection over union of two closed surfaces by points (N, 3) spread evenly over a box around both."""
-    inside = [is_inside(points, *surface) for surface in (first, second)]
+    inside = [inside_test(*surface)(points) for surface in (first, second)]
     if not (either := (inside[0] | inside[1]).sum()):
         raise InvalidInput(f"none of {len(points)} points is inside either surface: take more of them, or surfaces that are closed")
     return float((inside[0] & inside[1]).sum() / either)

@@ -204,13 +204,12 @@ class ImplicitNetwork(nn.Module):
     def _touch_code(self, touches: TouchPoints) -> Tensor:  # (B, G)
         """Compute the largest codes of each item's points, 0 at least; only the few points that have one are differentiated."""
         features, present = touches.point_features, touches.present
-        felt_items = torch.nonzero(present.any(dim=1))[:, 0]
-        zeros = features.new_zeros(len(features), self.felt[-1].out_features)
-        with torch.no_grad():
-            codes = self.felt(features[present]).split(present.sum(dim=1)[felt_items].tolist())
-            highest = torch.stack([code.argmax(dim=0) for code in codes]) if codes else zeros[:0].long()  # (K, G)
-        largest = self.felt(features[felt_items[:, None], highest]).diagonal(dim1=1, dim2=2)
-        return _placed(largest.relu(), felt_items, zeros)
+        code: Tensor = self.felt(features[:, :0]).sum(dim=1)  # zeros, whose gradients processes that share a step wait for
+        for item in torch.nonzero(present.any(dim=1))[:, 0].tolist():
+            with torch.no_grad():
+                highest = self.felt(features[item, present[item]]).argmax(dim=0)
+            code[item] = self.felt(features[item, highest]).diagonal().relu()
+        return code
 
     def decode(self, code: Encoding, queries: Tensor) -> Tensor:
         """Predict the signed distances of queries (B, N, 3), m, world: (B, N) m, limited to about the band."""
@@ -219,7 +218,7 @@ class ImplicitNetwork(nn.Module):
     def _decode(self, code: Encoding, queries: Tensor) -> tuple[Tensor, tuple[Tensor, Tensor] | None]:
         """Predict as `decode`; a network with touch also returns what `TouchPoints.features_at` does."""
         unit, touch_features = self._unit(queries), None
-        of_position, of_item, of_pixel, of_touch = self.first.weight.split(self.inputs, dim=1)
+        of_position, of_item, of_pixel, of_touch = torch.split(self.first.weight, self.inputs, dim=1)
         hidden = functional.linear(unit, of_position) + functional.linear(code.overall, of_item, self.first.bias)[:, None]
         if self.encoder is not None and code.maps and code.cameras is not None:
             pixels = project_to_pixels(code.cameras, queries[code.with_image])

@@ -54,17 +54,16 @@ def _sweep(image: Array, backwards: bool, shift: float, drop: float, highest: fl
     return shade
 
 
-def indentation_change(bump: Array, sensor: Sensor, calibration: Calibration) -> Array:  # (rows, cols, 3) levels
-    """Compute the change of colours of a gel that lies below its rest by `bump` (rows, cols), m; 0 where it stays flat and lit."""
-    change = np.zeros((*sensor.shape, 3))
-    add_change(change, bump, sensor, calibration)
-    return change
-
-
-def add_change(image: Array, bump: Array, sensor: Sensor, calibration: Calibration) -> None:
-    """Add `indentation_change` to an image (rows, cols, 3), levels."""
+def indentation_change(
+    bump: Array,  # (rows, cols) m
+    sensor: Sensor,
+    calibration: Calibration,
+    image: Array | None = None,  # (rows, cols, 3) levels, to which the change is added; by default 0
+) -> Array:  # (rows, cols, 3) levels
+    """Compute the change of colours of a gel that lies below its rest by `bump`; 0 where it stays flat and lit."""
+    image = np.zeros((*sensor.shape, 3)) if image is None else image
     if not bump.any():
-        return
+        return image
     x, y = fitted_positions(sensor, calibration.within)
     shading = np.array(calibration.coefficients)
     degrees = SLOPE_TERMS[shading.shape[1]], POSITION_TERMS[shading.shape[2]]
@@ -76,20 +75,16 @@ def add_change(image: Array, bump: Array, sensor: Sensor, calibration: Calibrati
         angle = np.deg2rad(shadow.direction)
         shade = shade_depth(bump, sensor.pitch, direction=angle, slope=shadow.slope, highest=calibration.deepest)
         _cast(np.ascontiguousarray(shade), MM * np.array(shadow.gain), image)
+    return image
 
 
 @compiled
 def _cast(shade: Array, gain: Array, image: Array) -> None:
     """Add a shade (rows, cols), m, times the gain of each colour, levels per m, to an image (rows, cols, 3)."""
     for row in range(len(shade)):
-        depth, first, last = shade[row], 0, shade.shape[1] - 1
-        while first <= last and depth[first] == 0:
-            first += 1
-        while last >= first and depth[last] == 0:
-            last -= 1
-        for col in range(first, last + 1):
-            for channel in range(3):
-                image[row, col, channel] += depth[col] * gain[channel]
+        for col, depth in enumerate(shade[row]):
+            for channel in range(3 if depth > 0 else 0):
+                image[row, col, channel] += depth * gain[channel]
 
 
 def fitted_positions(sensor: Sensor, within: Box | None) -> tuple[Array, Array]:  # x (cols,) and y (rows,), sensor widths
@@ -184,16 +179,8 @@ def _shade(
 
 
 @compiled
-def _fill_normals(
-    here: Array,  # (cols,) m, a row
-    above: Array,  # the row before, or the row itself
-    below: Array,  # the row after, or the row itself
-    pitch: float,  # between columns, m
-    rise: float,  # between the rows above and below, m
-    steepest: float,
-    terms: Array,  # (terms, cols) whose first two are changed
-) -> None:
-    """Compute how far the normals of a row lean along x and y: as much as the steepest that was fitted, at most."""
+def _fill_normals(here: Array, above: Array, below: Array, pitch: float, rise: float, steepest: float, terms: Array) -> None:
+    """Compute how far the normals of a row (cols,) lean along x and y, at most as the steepest: the first two terms (terms, cols)."""
     last, normals_x, normals_y = len(here) - 1, terms[0], terms[1]
     across, along, limit = 0.5 / pitch, 1 / rise, 1 / (steepest * steepest)
     normals_x[0], normals_x[last] = (here[1] - here[0]) / pitch, (here[last] - here[last - 1]) / pitch

@@ -15,7 +15,7 @@ from pipeline.kernels.touch.elastic_contact import PressedGel, press_elastic
 from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, pixel_centres, sensor_to_world
 
 CONTACT_MARGIN = 1e-4  # m by which a surface must press into the gel to touch; less is within the accuracy of physics
-COLUMNS_AT_ONCE = 64
+COLUMNS_AT_ONCE = 64  # smoothed together: they fit the cache of a processor
 PASSES = 2  # passes of the exponential filter along each axis: with two its response is nearly round
 
 
@@ -53,8 +53,9 @@ def impression(depth: np.ndarray, sensor: Sensor) -> Array:
     check_shape("depth", depth, *sensor.shape)
     if not (depth >= 0).all():
         raise ValueError("depth holds NaN or negative values; it must be 0 or more, and +inf where nothing is met")
-    pressed = np.subtract(gel_surface(sensor), depth, dtype=np.float64)
-    return np.maximum(pressed, 0.0, out=pressed)
+    pressed: Array = np.subtract(gel_surface(sensor), depth, dtype=np.float64)
+    np.maximum(pressed, 0.0, out=pressed)
+    return pressed
 
 
 def touch_success(depth: np.ndarray, sensor: Sensor) -> Mask:  # (...)
@@ -142,7 +143,7 @@ def membrane_indentation(pressed: Array, sigma: tuple[float, float]) -> Array:  
 
 @compiled
 def _smooth_columns(image: Array, decay: float) -> None:
-    """Smooth the columns, some at a time, which the processor's cache holds."""
+    """Smooth the columns in place, `PASSES` times."""
     rows, cols = image.shape
     gain = (1 - decay) / (1 + decay)
     forward, carried = np.empty((rows, COLUMNS_AT_ONCE)), np.empty(COLUMNS_AT_ONCE)

@@ -115,11 +115,11 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> PressedGel:
     unit_pressure[window] = window_pressure
     if share.shape != coarse.shape:
         indentation = _displacement(coarse.shape, coarse.shape, layer)(unit_pressure)
-    indentation, pressure = indentation * deepest, unit_pressure * (deepest * gel.modulus / (1 - gel.poisson**2))
+    surface, pressure = indentation * deepest, unit_pressure * (deepest * gel.modulus / (1 - gel.poisson**2))
     if factor > 1:
-        indentation, pressure = _refine(indentation, factor, sensor.shape), _spread(pressure, factor, pressed)
-    _keep_out(pressed, indentation)
-    return PressedGel(indentation, pressure > 0, pressure)
+        surface, pressure = _refine(surface, factor, sensor.shape), _spread(pressure, factor, pressed)
+    surface = np.where(pressed > 0, np.maximum(surface, pressed), surface)
+    return PressedGel(surface, pressure > 0, pressure)
 
 
 def contact_cells(sensor: Sensor) -> tuple[int, tuple[float, float]]:
@@ -136,15 +136,6 @@ def check_layer(sensor: Sensor) -> None:
             f"the elastic gel of sensor {sensor.name!r} is {thickness:.3g} m thick, its contact is solved on cells of {cell:.3g} m: "
             f"make the gel at least as thick, or, where an image has fewer than {MAX_CELLS} pixels per side, take more"
         )
-
-
-@compiled
-def _keep_out(pressed: Array, indentation: Array) -> None:
-    """Lower the gel's surface to the object's, where that would come through."""
-    for row in range(len(pressed)):
-        depth, surface = pressed[row], indentation[row]
-        for col in range(len(depth)):
-            surface[col] = depth[col] if (depth[col] > 0) & (depth[col] > surface[col]) else surface[col]
 
 
 @compiled
@@ -200,14 +191,9 @@ def _stiffness(window: tuple[int, int], layer: _Layer) -> _Convolution:
     waves = [2 * np.pi * scipy.fft.fftfreq(count, size) for count, size in zip(padded, layer.pitch, strict=True)]
     wave = np.sqrt(np.square(waves[0])[:, None] + np.square(waves[1])[None, : padded[1] // 2 + 1])
     wave[0, 0] = np.pi / max(count * size for count, size in zip(window, layer.pitch, strict=True))  # a single contact is not infinite
-    return _Convolution(padded, (wave / (2 * np.interp(wave * layer.thickness, *_factors(layer.poisson)))).astype(np.float32))
-
-
-@lru_cache(maxsize=8)
-def _factors(poisson: float) -> tuple[Array, Array]:
-    """Tabulate `layer_factor`: waves, and their factors."""
-    waves = np.linspace(0, WAVES, 2000)
-    return waves, layer_factor(waves, poisson)
+    knots = WAVES * np.linspace(0, 1, 200) ** 3  # a table is exact enough, and faster
+    factor = np.interp(wave * layer.thickness, knots, layer_factor(knots, layer.poisson))
+    return _Convolution(padded, (wave / (2 * factor)).astype(np.float32))
 
 
 def _solve(pressed: Array32, displacement: _Convolution, stiffness: _Convolution) -> tuple[Array32, Array32]:
@@ -218,7 +204,7 @@ def _solve(pressed: Array32, displacement: _Convolution, stiffness: _Convolution
     pressure, surface, change, gap = np.zeros((4, *pressed.shape), np.float32)
     length = FIRST_LENGTH
     for _ in range(MAX_STEPS):
-        error, through, progress, curvature = _look(surface, pressed, pressure, change, gap)
+        error, through, progress, curvature = _look(surface - pressed, pressed, pressure, change, gap)
         if max(error, through) < TOLERANCE:
             return pressure, surface
         if progress > 0 and curvature > 0:
@@ -229,20 +215,19 @@ def _solve(pressed: Array32, displacement: _Convolution, stiffness: _Convolution
 
 
 @compiled
-def _look(surface: Array32, pressed: Array32, pressure: Array32, change: Array32, gap: Array32) -> tuple[float, float, float, float]:
-    """Update the gap in the contact, 0 outside; return its root mean square, how far the object comes through around, and two products.
+def _look(height: Array32, pressed: Array32, pressure: Array32, change: Array32, gap: Array32) -> tuple[float, float, float, float]:
+    """Update the gap in the contact, 0 outside, from the surface's height over the object.
 
-    The products of the last change of pressure are those with the gap before, negative, and with the change of the gap. Sums are taken by
+    Return its root mean square, how far the object comes through around it or the gap's `PEAK`th, and two products.
+
+    These products of the last change of pressure are those with the gap before, negative, and with the change of the gap. Sums are taken by
     columns, in short loops: so the compiler vectorises them.
     """
     rows, cols = pressed.shape
     zero, one, share = np.float32(0), np.float32(1), np.float32(1 / PEAK)
-    now = np.empty(cols, np.float32)
     squares, cells, through, progress, curvature = np.zeros((5, cols), np.float32)
     for row in range(rows):
-        depth, height, force, moved, kept = pressed[row], surface[row], pressure[row], change[row], gap[row]
-        for col in range(cols):
-            now[col] = height[col] - depth[col]
+        now, depth, force, moved, kept = height[row], pressed[row], pressure[row], change[row], gap[row]
         for col in range(cols):
             progress[col] -= moved[col] * kept[col]
         for col in range(cols):
@@ -304,9 +289,7 @@ def _spread(cells: Array, factor: int, pressed: Array) -> Array:
 def _slope(before: float, here: float, after: float) -> float:
     """Compute the lesser of two differences, 0 at a peak: no new ones."""
     down, up = here - before, after - here
-    if down * up <= 0:
-        return 0.0
-    return down if abs(down) < abs(up) else up
+    return max(min(down, up), 0.0) + min(max(down, up), 0.0)
 
 
 def _refine(coarse: Array, factor: int, shape: tuple[int, int]) -> Array:
@@ -316,31 +299,26 @@ def _refine(coarse: Array, factor: int, shape: tuple[int, int]) -> Array:
     weights = np.stack(
         [t * (-0.5 + t * (1 - t / 2)), 1 + t * t * (-2.5 + 1.5 * t), t * (0.5 + t * (2 - 1.5 * t)), t * t * (-0.5 + t / 2)], axis=1
     )
+    for _ in range(2):  # beyond the first and last cells, along a line
+        coarse = np.pad(coarse, 1, mode="reflect", reflect_type="odd")
     fine = np.empty(shape)
     _refine_rows(coarse, np.floor(shares).astype(np.int64), weights, fine)
     return fine
 
 
 @compiled
-def _refine_rows(coarse: Array, starts: NDArray[np.int64], weights: Array, fine: Array) -> None:
-    """Interpolate between rows, then between columns; beyond the first and last ones, along a line."""
-    (rows, cols), factor = coarse.shape, len(starts)
-    line = np.empty(cols + 4)
+def _refine_rows(padded: Array, starts: NDArray[np.int64], weights: Array, fine: Array) -> None:
+    """Interpolate between rows, then between columns, of cells with two more on every side."""
+    factor, line = len(starts), np.empty(padded.shape[1])
     for row in range(fine.shape[0]):
         into, line[:] = fine[row], 0.0
         for k in range(4):
-            at, weight = row // factor + starts[row % factor] + k - 1, weights[row % factor, k]
-            near = min(max(at, 0), rows - 1)
-            inner = min(max(near + (near > at) - (near < at), 0), rows - 1)
-            cells, middle, beyond = coarse[near], line[2 : cols + 2], weight * abs(at - near)
-            for col in range(cols):
-                middle[col] += (weight + beyond) * cells[col] - beyond * coarse[inner, col]
-        for margin in range(1, 3):
-            line[2 - margin] = line[2] + margin * (line[2] - line[min(3, cols + 1)])
-            line[cols + 1 + margin] = line[cols + 1] + margin * (line[cols + 1] - line[max(cols, 2)])
+            cells, weight = padded[row // factor + starts[row % factor] + 1 + k], weights[row % factor, k]
+            for col in range(len(line)):
+                line[col] += weight * cells[col]
         for part in range(factor):
-            at, weight = line[starts[part] + 1 :], weights[part]
+            at, share = line[starts[part] + 1 :], weights[part]
             for cell in range((len(into) - part + factor - 1) // factor):
                 into[cell * factor + part] = (
-                    weight[0] * at[cell] + weight[1] * at[cell + 1] + weight[2] * at[cell + 2] + weight[3] * at[cell + 3]
+                    share[0] * at[cell] + share[1] * at[cell + 1] + share[2] * at[cell + 2] + share[3] * at[cell + 3]
                 )

@@ -90,21 +90,33 @@ def box_faces(triangles: np.ndarray) -> BoxedFaces:
 def cull_faces(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor) -> Array:  # (3 axes, 3 corners, N) sensor frame, m
     """Select the faces that rays of a sensor at a pose (4, 4) can meet, and few others; shared corners stay equal to the bit."""
     pose = check_pose(pose)
-    rotation, origin = pose[:3, :3], pose[:3, 3]
-    prism_half = np.array([sensor.width, sensor.height, sensor.range])[:, None] / 2 + SLACK
-    prism_centre = np.array([0.0, 0.0, sensor.range / 2])[:, None]
-    centre = rotation.T @ (faces.centre - origin[:, None])  # (3, F)
-    reach = np.abs(rotation.T) @ faces.half + prism_half
-    candidates = np.flatnonzero(_all_axes(np.abs(centre - prism_centre) <= reach))
-    offset = faces.corners[:, :, candidates] - origin[:, None, None]
-    local = np.stack([r[0] * offset[0] + r[1] * offset[1] + r[2] * offset[2] for r in rotation.T])
-    a, b, c = local[:, 0], local[:, 1], local[:, 2]  # (3, n): three numbers are compared faster by name than reduced along an axis
-    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-    return local[:, :, _all_axes((low <= prism_centre + prism_half) & (high >= prism_centre - prism_half))]
+    high = np.array([sensor.width / 2, sensor.height / 2, sensor.range]) + SLACK
+    low = np.array([-sensor.width / 2, -sensor.height / 2, 0.0]) - SLACK
+    return _cull(faces.corners, faces.centre, faces.half, pose[:3, :3].copy(), pose[:3, 3].copy(), low, high)
 
 
-def _all_axes(holds: Mask) -> Mask:  # (3, N) to (N,)
-    return np.asarray(holds[0] & holds[1] & holds[2])
+@compiled
+def _cull(corners: Array, centre: Array, half: Array, rotation: Array, origin: Array, low: Array, high: Array) -> Array:
+    """Select the faces whose boxes, in the world frame and then in the sensor's, meet a box (3,) to (3,) of the sensor frame."""
+    kept, local = 0, np.empty(corners.shape)
+    for face in range(corners.shape[2]):
+        meets = True
+        for axis in range(3):
+            at, reach = 0.0, 0.0
+            for k in range(3):
+                at += rotation[k, axis] * (centre[k, face] - origin[k])
+                reach += abs(rotation[k, axis]) * half[k, face]
+            if at - reach > high[axis] or at + reach < low[axis]:
+                meets = False
+                break
+        for axis in range(3 if meets else 0):
+            for corner in range(3):
+                x, y, z = (corners[0, corner, face] - origin[0], corners[1, corner, face] - origin[1], corners[2, corner, face] - origin[2])
+                local[axis, corner, kept] = rotation[0, axis] * x + rotation[1, axis] * y + rotation[2, axis] * z
+            a, b, c = local[axis, :, kept]
+            meets &= min(a, b, c) <= high[axis] and max(a, b, c) >= low[axis]
+        kept += meets
+    return local[:, :, :kept].copy()
 
 
 def ray_depth(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor) -> Array:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.arrays import WHITE, Array
 from pipeline.kernels.compiled import compiled
-from pipeline.kernels.touch.calibrated_shading import add_change, polynomial_background
+from pipeline.kernels.touch.calibrated_shading import indentation_change, polynomial_background
 from pipeline.kernels.touch.depth_maps import gel_surface, press_gel
 from pipeline.kernels.touch.sensor import Calibration, Lights, Sensor
 
@@ -89,8 +89,7 @@ def render_gel(indentation: Array, sensor: Sensor, rng: np.random.Generator | No
         z = indentation / sensor.width
         _shade(rest + z if rest.any() else z, rest, sensor, image)
     else:
-        image = background(sensor, sensor.calibrated).copy()
-        add_change(image, indentation, sensor, sensor.calibrated)
+        image = indentation_change(indentation, sensor, sensor.calibrated, background(sensor, sensor.calibrated).copy())
     if rng is not None and sensor.noise != "none":
         image = image + rng.normal(0.0, sensor.noise, image.shape)
     return image if image.dtype == np.uint8 else _levels(np.ascontiguousarray(image))

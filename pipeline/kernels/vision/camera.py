@@ -41,7 +41,7 @@ class Camera(Entries):
     )
     name: str = Field(pattern=r"^[A-Za-z0-9._-]{1,60}$", description="labels its images")
     size: tuple[Side, Side] | None = Field(
-        None, description="columns and rows of its images, regardless of `render-vision.resolution`; by default square"
+        default=None, description="columns and rows of its images, regardless of `render-vision.resolution`; by default square"
     )
 
     @model_validator(mode="after")

@@ -46,3 +46,9 @@ def test_points_inside_and_on_a_box_are_those_of_libigl() -> None:
 def test_no_points_have_no_nearest_points() -> None:
     squared, face, nearest = nearest_points(build_face_tree(np.eye(3), np.array([[0, 1, 2]])), np.empty((0, 3)))
     assert len(squared) == len(face) == len(nearest) == 0
+
+
+def test_points_whose_squares_overflow_are_infinitely_far_from_some_face() -> None:
+    squared, face, _ = nearest_points(build_face_tree(np.eye(3), np.array([[0, 1, 2]])), np.full((2, 3), 1e200))
+    assert (squared == np.inf).all()
+    assert (face == 0).all()

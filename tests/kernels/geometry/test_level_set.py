@@ -40,6 +40,23 @@ def test_field_is_computed_near_the_surface_only():
     assert sum(asked[1:]) < asked[0] / 6
 
 
+def test_parts_thinner_than_a_cell_are_as_if_the_field_were_computed_everywhere():
+    """A plate aslant and balls of half a cell to two cells, at random places."""
+    rng = np.random.default_rng(0)
+    normal, middles, radii = np.array([0.36, 0.48, 0.8]), rng.uniform(-0.15, 0.15, (12, 3)), rng.uniform(0.0025, 0.01, 12)
+
+    def field(points):
+        plate = np.maximum(np.abs(points @ normal) - 0.0035, np.linalg.norm(points, axis=1) - 0.12)
+        balls = np.linalg.norm(points[:, None] - middles, axis=2) - radii
+        return np.minimum(plate, balls.min(axis=1))
+
+    low, high = np.full(3, -0.2), np.full(3, 0.2)
+    (near, sides), (everywhere, all_sides) = (level_set_mesh(field, low, high, 0.005, halvings=halvings) for halvings in (3, 0))
+    np.testing.assert_allclose(near, everywhere, atol=1e-12)
+    np.testing.assert_array_equal(sides, all_sides)
+    assert len(trimesh.Trimesh(near, sides, process=False).split()) > 8
+
+
 def test_field_is_computed_at_small_parts_where_it_is_steep():
     """A small ball beside a large one, steeper than the field elsewhere."""
     small = np.array([1.0, 0, 0.163])

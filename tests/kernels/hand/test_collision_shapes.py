@@ -13,6 +13,7 @@ from pipeline.kernels.hand.collision_shapes import collision_spheres
 from pipeline.kernels.hand.distance_field import build_distance_field
 from pipeline.kernels.hand.model import Hand
 from tests.references.box_distance import box_distance
+from tests.references.world_centres import world_centres
 
 HAND = load_hand("allegro_right")
 
@@ -55,7 +56,7 @@ def test_spheres_detect_a_needle_inside_a_link(hand: Hand) -> None:
     box = next(shape for shape in hand.links[hand.fingers[1].links[1]].collisions)
     frames = np.tile(np.eye(4), (len(hand.links), 1, 1))
     frames[:, :3, 3] = [0, 0, -box.size[2] + 0.008]  # the link's far face is 8 mm above the needle's point
-    depth = -(field.exact(spheres.world_centres(frames)) - spheres.radii).min()
+    depth = -(field.exact(world_centres(spheres, frames)) - spheres.radii).min()
     assert depth == pytest.approx(0.008, abs=0.0015)
 
 

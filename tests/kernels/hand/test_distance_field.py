@@ -29,6 +29,7 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.pregrasp import tangent_palm_pose
 from tests.kernels.hand.meshes import centred, mug, random_pose
 from tests.references.box_distance import box_distance
+from tests.references.world_centres import world_centres
 from tests.strategies import random_rotation, seeds
 
 FINE = 0.0025
@@ -178,7 +179,7 @@ def test_contact_and_clearance_over_a_plane_are_heights(seed) -> None:
     frames = forward_kinematics(HAND, random_pose(rng, base + [0, 0, 0.1])[None], rng.uniform(HAND.lower, HAND.upper)[None])
     spheres = collision_spheres(HAND, spacing=0.02)
     fingers, grid = [spheres.of_links(finger.links) for finger in HAND.fingers], gel_grid(HAND, [SENSOR] * 4)
-    centres, lost = spheres.world_centres(frames[0]), 2.0**-20 * 11  # float32 at 10 m
+    centres, lost = world_centres(spheres, frames[0]), 2.0**-20 * 11  # float32 at 10 m
     clearance, (contact, coverage) = finger_clearance(field, fingers, frames), gel_contact(field, gel_probes(HAND, grid, frames))
     for number, finger in enumerate(HAND.fingers):
         own = np.isin(spheres.link, finger.links)
@@ -230,7 +231,7 @@ def test_near_gaps_hold_all_gaps_below_the_limit(hand: Hand, rng: np.random.Gene
     spheres = collision_spheres(hand, spacing=0.02)
     for limit in (0.0, 0.002):
         frames = forward_kinematics(hand, random_pose(rng, rng.normal(size=3) * 0.1), rng.uniform(hand.lower, hand.upper))
-        gaps = field.exact(spheres.world_centres(frames)) - spheres.radii
+        gaps = field.exact(world_centres(spheres, frames)) - spheres.radii
         measured = near_gaps(field, spheres, frames, limit)
         assert len(measured) < len(gaps)
         np.testing.assert_array_equal(measured[measured < limit], gaps[gaps < limit])

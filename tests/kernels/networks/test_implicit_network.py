@@ -88,6 +88,14 @@ def test_predictions_and_gradients_are_those_of_all_inputs_of_each_query(image: 
     torch.testing.assert_close(results[0], results[1])
 
 
+def test_a_batch_without_image_and_touch_has_gradients_of_zero_that_processes_wait_for():
+    network = small(image="any").train()
+    network(queries(2), **inputs_of([0, 0]) | {"images": None, "camera": None}).sum().backward()
+    gradients = {name: parameter.grad for name, parameter in network.named_parameters()}
+    assert all(gradient is not None for gradient in gradients.values())
+    assert not any(gradient.any() for name, gradient in gradients.items() if name.startswith(("encoder", "seen", "felt")))
+
+
 def test_predictions_do_not_depend_on_the_order_of_grasps():
     network, seen, asked = small(), inputs_of([3]), queries(1)
     turned = seen | {name: seen[name].flip(0) for name in ("touch_vertices", "touched")}

@@ -100,6 +100,18 @@ def test_membrane_is_isotropic_keeps_the_volume_and_has_the_set_width() -> None:
     assert (membrane_indentation(point, (5.0, 7.0)) >= point).all()
 
 
+def test_membrane_is_two_exponential_filters_along_both_axes(rng) -> None:
+    """Two-sided filters with the response decay^|distance|, as sums over all pixels; 80 columns are more than are smoothed at once."""
+    pressed = np.maximum(rng.normal(size=(30, 80)) - 1, 0)
+    smooth = pressed
+    for axis, sigma in ((0, 5.0), (1, 7.0)):
+        decay, places = np.exp(-2 / sigma), np.arange(pressed.shape[axis])
+        response = (1 - decay) / (1 + decay) * decay ** np.abs(places[:, None] - places)
+        for _ in range(2):
+            smooth = np.moveaxis(np.tensordot(response, smooth, axes=(1, axis)), 0, axis)
+    np.testing.assert_allclose(membrane_indentation(pressed, (5.0, 7.0)), np.maximum(pressed, smooth), atol=1e-12)
+
+
 def test_shadow_of_a_wall_is_as_long_as_its_height_over_the_slope() -> None:
     """A wall of 1 mm on one column; light from the left at slope 0.5: the shade begins behind it and ends 2 mm further."""
     wall = np.zeros((20, 60))

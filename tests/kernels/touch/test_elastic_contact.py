@@ -5,11 +5,12 @@ import pytest
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.touch import elastic_contact
 from pipeline.kernels.touch.depth_maps import normal_force, press_gel
 from pipeline.kernels.touch.elastic_contact import layer_factor, press_elastic
-from pipeline.kernels.touch.press_shapes import press_relief, random_press
+from pipeline.kernels.touch.press_shapes import PressRanges, press_relief, random_press
 from pipeline.kernels.touch.sensor import Gel, Sensor, pixel_centres
-from tests.references.slow_elastic_gel import slow_press
+from tests.references.slow_elastic_gel import repeated, slow_press, slow_refine, slow_spread
 
 SIDE, E, POISSON = 0.018, 2e5, 0.48
 STIFF = E / (1 - POISSON**2)
@@ -80,6 +81,31 @@ def test_press_equals_the_slow_solver(gel, rng):
         assert np.abs(gel_state.pressure - pressure).max() < 1e-3 * pressure.max()
         assert gel_state.pressure.sum() == pytest.approx(pressure.sum(), rel=5e-4)
         assert np.abs(gel_state.indentation - slow).max() < 2e-4 * pressed.max()
+
+
+@pytest.mark.parametrize(("cells", "factor"), [((1, 7), 3), ((2, 2), 2), ((3, 1), 4), ((20, 30), 3)])
+def test_pixels_of_a_cell_get_the_surface_and_pressure_of_slow_interpolation(cells, factor, rng):
+    shape = (cells[0] * factor - 1, cells[1] * factor)  # the last row of cells is cut
+    surface = rng.normal(size=cells)
+    np.testing.assert_allclose(elastic_contact._refine(surface, factor, shape), slow_refine(surface, factor, shape), atol=1e-12)
+    pressed = (repeated(surface, factor)[: shape[0], : shape[1]] > 0) & (rng.random(shape) < 0.7)
+    means = np.add.reduceat(np.add.reduceat(pressed, range(0, shape[0], factor), axis=0), range(0, shape[1], factor), axis=1)
+    pressure = np.where(means > 0, surface, 0)
+    spread = elastic_contact._spread(pressure, factor, pressed.astype(float))
+    np.testing.assert_allclose(spread, slow_spread(pressure, pressed, factor), atol=1e-12)
+
+
+@pytest.mark.parametrize("number", range(40))
+def test_contact_settles_in_any_gel(number):
+    """Layers from a cell to a metre thick, compressible or not; the thinnest of rubber need most steps."""
+    rng = np.random.default_rng(number)
+    shape = [(64, 64), (24, 160), (48, 64), (160, 20)][number % 4]
+    cell = SIDE / shape[1]
+    gel = Gel(modulus=E, poisson=rng.choice([0.0, 0.3, 0.5]), thickness=float(cell * rng.choice([1.01, 2, 4, 30, 10000])))
+    worn = sensor(*shape, gel)
+    state = press_gel(random_press(worn, rng, PressRanges(size=(0.0005, 0.02), depth=(1e-6, 0.005), tilt=0.3)).depth, worn)
+    assert state.contact.any()
+    assert np.isfinite(state.indentation).all()
 
 
 @pytest.mark.parametrize("number", range(30))

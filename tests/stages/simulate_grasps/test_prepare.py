@@ -9,6 +9,7 @@ from pipeline.kernels.hand.grid_loops import gaps
 from pipeline.kernels.hand.pregrasp import tangent_palm_pose
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand, prepare_object
 from tests.kernels.hand.meshes import bar, mug, points_on
+from tests.references.world_centres import world_centres
 from tests.stages.simulate_grasps.conftest import SETTINGS
 
 
@@ -44,7 +45,7 @@ def test_palm_far_from_the_object_is_clear_by_the_grid(hand_name: str) -> None:
         for place in rng.integers(len(points), size=200)
     ]
     frames = compose(np.array(poses)[:, None], prepared.ik.postures.frames[0])
-    centres = prepared.palm_spheres.world_centres(frames)
+    centres = world_centres(prepared.palm_spheres, frames)
     exact = (field.exact(centres.reshape(-1, 3)).reshape(centres.shape[:2]) - prepared.palm_spheres.radii).min(axis=1)
     by_grid = gaps(field.grid, frames, prepared.palm_spheres.single, np.float32(clearance))
     assert (exact >= clearance).sum() > 150
@@ -55,6 +56,6 @@ def _exact_clearance(prepared: PreparedHand, exact, frames: np.ndarray) -> np.nd
     """(N, F) m, of every sphere's centre less its radius."""
     gaps = []
     for own in prepared.ik.fingers:
-        centres = own.world_centres(frames)
+        centres = world_centres(own, frames)
         gaps.append((exact(centres.reshape(-1, 3)).reshape(centres.shape[:2]) - own.radii).min(axis=1))
     return np.stack(gaps, axis=1)
