@@ -2,16 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from heapq import heapify, heappop, heappush
 
 import numpy as np
 import scipy
 
-from pipeline.kernels.arrays import Array, Array32, Floats, Indices, Mask
+from pipeline.kernels.arrays import Array, Array32, Floats, Mask
 from pipeline.kernels.metrics.cloud_distances import search_tree
 
-SITES = 12  # per side of the grid around many clouds, by which most are excluded at once
-COARSE = 256  # points by which the others are compared before all points are
+SITES = 16  # per side of the grid around many clouds, by which most are excluded at once
 ROUNDING = 1 - 1e-9  # factor that keeps a bound below its distance despite rounding
 
 
@@ -21,7 +19,7 @@ def mean_squared_distance(tree: "scipy.spatial.cKDTree", points: Floats) -> floa
 
 
 class RetrievalCloud:
-    """A cloud (N, 3) that is compared with many others, by all of its points or by bounds from few of them."""
+    """A cloud (N, 3) that is compared with many others."""
 
     def __init__(self, points: Floats) -> None:
         self.points = points
@@ -30,18 +28,6 @@ class RetrievalCloud:
     def tree(self) -> "scipy.spatial.cKDTree":
         """The search tree of the points."""
         return search_tree(self.points)
-
-    @cached_property
-    def coarse(self) -> tuple[Floats, Indices, Array]:
-        """A subset of the points, (K, 3), the number of its nearest point to each point, (N,), and their distance, (N,)."""
-        points = self.points[np.linspace(0, len(self.points) - 1, min(COARSE, len(self.points))).astype(int)]
-        distances, nearest = search_tree(points).query(self.points)
-        return points, nearest, distances
-
-    def bound(self, target: "RetrievalCloud") -> float:
-        """Compute a lower bound of the mean squared distance to `target`, by the triangle inequality."""
-        points, nearest, distances = self.coarse
-        return float(np.square(np.maximum(target.tree.query(points)[0][nearest] - distances, 0.0)).mean()) * ROUNDING
 
 
 class SearchedClouds:
@@ -72,22 +58,15 @@ def nearest_cloud(
     both: bool,  # the Chamfer distance, or the mean squared distance from the query's points alone
     below: float = np.inf,  # only a smaller distance counts
 ) -> tuple[float, int] | None:  # distance, in the square of the clouds' unit, and number of the first cloud that has it
-    """Find the cloud nearest to a query, as a comparison with all would, to the bit: the least bound is refined until it is exact."""
-    queue = [(bound, 0, number) for number, bound in enumerate(searched.bounds(query, both=both).tolist())]
-    heapify(queue)  # of bound, how often it was refined, cloud; refined twice, it is the distance
-    while queue:
-        bound, refined, number = heappop(queue)
-        if bound >= below:
-            return None
-        if refined == 2:
-            return bound, number
+    """Find the cloud nearest to a query, as a comparison with all would, to the bit: those of the least bounds are compared first."""
+    bounds, nearest = searched.bounds(query, both=both), (below, -1)
+    for number in np.argsort(bounds, kind="stable").tolist():
+        if bounds[number] >= nearest[0]:
+            break
         cloud = searched.clouds[number]
-        if refined:
-            closer = mean_squared_distance(cloud.tree, query.points) + (mean_squared_distance(query.tree, cloud.points) if both else 0.0)
-        else:
-            closer = max(bound, query.bound(cloud) + (cloud.bound(query) if both else 0.0))
-        heappush(queue, (closer, refined + 1, number))
-    return None
+        distance = mean_squared_distance(cloud.tree, query.points) + (mean_squared_distance(query.tree, cloud.points) if both else 0.0)
+        nearest = min(nearest, (distance, number))
+    return None if nearest[1] < 0 else nearest
 
 
 def chamfer_matrix(clouds: Sequence[RetrievalCloud], advance: Callable[[], None] = lambda: None) -> Array:  # (A, A)
