@@ -82,7 +82,7 @@ def linked(trial: Trial) -> Verdict:
         return Verdict(what, fault_of_ours=f"lost: {', '.join(lost)}")
     for file in others:  # `validate` would report that they have no record
         file.unlink()
-        if file.parent.name.startswith("album"):
+        if file.parent.name in GARBAGE:
             file.parent.rmdir()
     return trial.mended(what, end)
 
