@@ -171,6 +171,9 @@ def test_grasps_are_read_as_tensors(made):
 def test_missing_artifact_or_array_is_named(made, tmp_path):
     with pytest.raises(StoreError, match="no artifact has an array taste"):
         GraspDataset(made, ["taste"])
+    with pytest.raises(StoreError, match="is not a data directory"):
+        GraspDataset(tmp_path, ["points"])
+    shutil.copy(made / "dataset.json", tmp_path)
     with pytest.raises(StoreError, match=r"surfaces has not been made; run `vt-pipeline run sample-surfaces --data .*` first"):
         GraspDataset(tmp_path, ["points"])
 
