@@ -95,5 +95,5 @@ def sees_outside(mesh: Mesh, places: NDArray[np.float64], face: NDArray[np.int64
     vectors = face_cross_products(mesh.triangles)
     normals = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     scene = RayScene(mesh.vertices, mesh.faces)
-    front, back = scene.count_escapes(np.ascontiguousarray(places), normals[face], face, spread_directions(JUDGES))
+    front, back = scene.count_escapes(np.ascontiguousarray(places), normals[face], spread_directions(JUDGES))
     return np.asarray(front + back >= MIN_ESCAPES)

@@ -155,6 +155,7 @@ class ObjectRows(UsableObjects):
         by_grasp = grasp is not None and len(dims) > 1 and dims[1] in INDEXED_DIMS
         part = tuple(camera if dim == "camera" and camera is not None else slice(None) for dim in dims[1:])
         stored, position = shard.array(array), shard.position[object_id]
+        entry = position if camera is None or "camera" not in dims else (position, *part)
         indices = {"camera": camera, **dict.fromkeys(INDEXED_DIMS, grasp)}
         for dim, count in zip(dims, stored.shape, strict=True):
             if (number := indices.get(dim)) is not None and not -count <= number < count:
@@ -167,7 +168,7 @@ class ObjectRows(UsableObjects):
         elif by_grasp and chunks[1] == 1 and grasp and (array, object_id, camera) not in self._cache:
             return self._cache.get((array, object_id, camera, grasp), lambda: shard.read(array, (position, grasp, *part[1:])))
         else:  # also for grasp 0, the first in a pass through an object: one call in place of one per grasp
-            row = self._cache.get((array, object_id, camera), lambda: shard.read(array, (position, *part)))
+            row = self._cache.get((array, object_id, camera), lambda: shard.read(array, entry))
         return np.asarray(row[grasp] if by_grasp else row)
 
     def _derive(self, array: str, object_id: str, grasp: int | None) -> np.ndarray:

@@ -162,10 +162,14 @@ class HandBody:
             for follower, angle in zip(self.hand.followers, following, strict=True)
         )
 
-    def trembles(self, postures: Array) -> bool:
-        """Return whether all joints of a hand with gears stay where they are in postures (T, J + G), but for a tremor."""
+    def trembles(self, postures: Array, resting_speed: float) -> bool:
+        """Return whether in postures (T, J + G) all joints of a hand with gears tremble, and on the mean are slower than that, rad/s."""
+        if len(postures) < TREMOR_STEPS:
+            return False
         weights = [*self._weights, *(_weight(self.hand, follower.link) for follower in self.hand.followers)]
-        return len(postures) == TREMOR_STEPS and bool((np.ptp(postures, axis=0) * weights).max() <= TREMOR)
+        first, second = (half.mean(axis=0) for half in np.split(postures, 2))
+        moved = TREMOR_STEPS / 2 * resting_speed / 240  # from one half to the next
+        return bool((np.ptp(postures, axis=0) * weights).max() <= TREMOR and (np.abs(second - first) * weights).max() <= moved)
 
 
 def _weight(hand: Hand, link: int) -> float:
@@ -233,7 +237,7 @@ class Simulation(HandPhysics):
                 angles, speed = body.joint_states()
                 if speed < resting_speed:
                     return angles, body.gears_hold(body.posture())
-                if recent and body.trembles(np.array(recent)):
+                if recent and body.trembles(np.array(recent), resting_speed):
                     mean = np.mean(recent, axis=0)
                     return mean[: len(angles)], body.gears_hold(mean)
         return body.joint_states()[0], False

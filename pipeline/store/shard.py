@@ -72,7 +72,7 @@ class Shard:
         """The group's attributes: settings, and the descriptions of hand, sensor or scene."""
         content = self._metadata("")
         with self.errors_as_damage("its attributes cannot be used"):
-            stored: Mapping[str, Any] = json.loads(content)["attributes"]
+            stored: Mapping[str, Any] = dict(json.loads(content)["attributes"])
             digest.of_json(stored)  # refuses what is no JSON: NaN
         return stored
 

@@ -3,7 +3,6 @@
 CAD models contain interior geometry that no hand or camera meets. A surface point is *exterior* when rays in at least two of 256
 directions spread over the sphere escape from it without hitting the object. One is not enough: rounding lets a few per cent of the
 interior points escape. More directions keep finding the walls of ever narrower gaps, hence their number is part of the definition.
-No ray escapes from within closed bodies: where the first rays show that a point is there, no others are traced.
 
 Valid range: meshes from 1e-9 to 1e9 units large; open, inside-out and self-intersecting meshes. A wall or gap thinner than 2e-5 of
 the object's diagonal may count as a single sheet: rays start off the surface, and Embree computes in float32.
@@ -15,16 +14,13 @@ from embreex.mesh_construction import TriangleMesh
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Indices, Integers, Mask
-from pipeline.kernels.geometry.mesh import Mesh, face_cross_products, mesh_edges, sample_triangles
-from pipeline.kernels.geometry.mesh_cleaning import number_positions
+from pipeline.kernels.geometry.mesh import Mesh, face_cross_products, sample_triangles
 from pipeline.kernels.geometry.transforms import length, sin_cos, unit_vectors
 
 DIRECTIONS = 256
 MIN_ESCAPES = 2  # escaping rays that make a point exterior
 CERTAIN_ESCAPES = 2 * MIN_ESCAPES  # on one side, and none on the other, that decide which is outside without a full count
-ENCLOSING = 8  # rays that look for closed bodies around a point, where of the first 16 none escapes
 RAY_OFFSET = 4e-6  # of a ray's start from the surface over the diagonal: beyond float32 rounding, below any real gap
-START = RAY_OFFSET / 8  # the same of rays that look for closed bodies: a point may be nearer than `RAY_OFFSET` to the outside of one
 MAX_DRAWS = 200  # sampling fails when fewer than one of `MAX_DRAWS` points is exterior
 
 
@@ -37,32 +33,22 @@ class RayScene:
         self._centre, self._scale = (low + high) / 2, 1 / float(length(high - low))
         self._scene = rtcore_scene.EmbreeScene()
         self._mesh = TriangleMesh(self._scene, self._local(vertices).astype(np.float32), faces.astype(np.int32))
-        self._outward = outward_vectors(vertices, faces)
 
     def _local(self, points: Array) -> Array:
         return np.asarray((points - self._centre) * self._scale)
 
-    def _trace(self, points: Array, directions: Array, offset: float, query: str) -> Array:  # (...)
-        origins = (self._local(points) + offset * directions).astype(np.float32)
-        rays = np.broadcast_to(directions.astype(np.float32), origins.shape)
-        return np.asarray(self._scene.run(origins.reshape(-1, 3), rays.reshape(-1, 3), query=query)).reshape(origins.shape[:-1])
-
     def escape(self, points: Array, directions: Array, offset: float) -> Mask:  # (...)
         """Find the rays that hit nothing, of points and unit directions (..., 3); they start an offset, in diagonals, away."""
-        return np.asarray(self._trace(points, directions, offset, "OCCLUDED"), bool)  # 0 where something is hit
+        origins = (self._local(points) + offset * directions).astype(np.float32)
+        rays = np.broadcast_to(directions.astype(np.float32), origins.shape)
+        occlusion = self._scene.run(origins.reshape(-1, 3), rays.reshape(-1, 3), query="OCCLUDED")  # 0 where something is hit
+        return np.asarray(occlusion, bool).reshape(origins.shape[:-1])
 
-    def enclose(self, points: Array, normals: Array, own: Indices, directions: Array) -> Mask:  # (N,)
-        """Find points, on these faces, within closed bodies on both sides: there, a ray first meets a face, another one, from behind."""
-        face = self._trace(points[:, None], directions, START, "INTERSECT")  # (N, D), -1 where none is met
-        leaving = (face >= 0) & (face != own[:, None]) & (np.einsum("ndk,dk->nd", self._outward[face], directions) > 0)
-        ahead = np.einsum("nk,dk->nd", normals, directions) > 0
-        return np.asarray((leaving & ahead).any(axis=1) & (leaving & ~ahead).any(axis=1))
+    def count_escapes(self, points: Array, normals: Array, directions: Array) -> tuple[Indices, Indices]:  # (N,) each
+        """Count the rays that escape in front of and behind the surface, at points (N, 3) on it with unit normals (N, 3).
 
-    def count_escapes(self, points: Array, normals: Array, own: Indices, directions: Array) -> tuple[Indices, Indices]:  # (N,) each
-        """Count the rays that escape in front of and behind the surface, at points (N, 3) on faces (N,) with unit normals (N, 3).
-
-        Counts stop at `CERTAIN_ESCAPES` on one side and none on the other, and inside closed bodies; whether a point is exterior and where
-        outside is are the full count's answers.
+        Counts stop at `CERTAIN_ESCAPES` on one side and none on the other; whether a point is exterior and where outside is are the full
+        count's answers.
         """
         front, back = np.zeros(len(points), np.intp), np.zeros(len(points), np.intp)
         undecided = np.arange(len(points))
@@ -76,25 +62,7 @@ class RayScene:
             certain = (np.maximum(front, back) >= CERTAIN_ESCAPES) & (np.minimum(front, back) == 0)
             undecided = undecided[~certain[undecided]]
             first, size = first + size, max(size, first + size)  # 8, 8, 16, 32, …
-            if first == 2 * ENCLOSING:
-                unseen = undecided[(front + back)[undecided] == 0]
-                enclosed = self.enclose(points[unseen], normals[unseen], own[unseen], directions[:ENCLOSING])
-                undecided = np.setdiff1d(undecided, unseen[enclosed], assume_unique=True)
         return front, back
-
-
-def outward_vectors(vertices: Array, faces: Integers) -> Array:  # (F, 3)
-    """Compute vectors out of closed bodies, normal to their faces; 0 for faces of open ones, and where more than two meet at an edge."""
-    import igl  # and SciPy's sparse matrices with it
-
-    triangles, positions = vertices[faces], number_positions(vertices)[faces]
-    edge = mesh_edges(positions)[1]  # (F, 3)
-    turns = np.bincount(edge.reshape(-1), np.sign(np.roll(positions, -1, axis=1) - positions).reshape(-1))
-    count, body = igl.facet_components(np.ascontiguousarray(positions, np.int64))
-    is_paired = (np.bincount(edge.reshape(-1)) == 2) & (turns == 0)  # two faces, wound alike
-    is_closed = np.bincount(body, ~is_paired[edge].all(axis=1), count) == 0
-    volumes = np.bincount(body, np.linalg.det(triangles - vertices.mean(axis=0)), count)
-    return np.asarray(face_cross_products(triangles) * (np.sign(volumes) * is_closed)[body, None])
 
 
 def spread_directions(count: int) -> Array:
@@ -132,7 +100,7 @@ def sample_exterior(
         size = int(min(max((count - len(points)) / share * 1.05, 256), 4 * count))
         candidates, face = sample_triangles(triangles, size, rng)
         unit = unit_vectors(vectors[face])
-        front, back = scene.count_escapes(candidates, unit, face, rays)
+        front, back = scene.count_escapes(candidates, unit, rays)
         exterior = front + back >= MIN_ESCAPES
         outward = np.where(back > front, -1.0, 1.0)[:, None] * unit
         points, normals = np.concatenate([points, candidates[exterior]]), np.concatenate([normals, outward[exterior]])

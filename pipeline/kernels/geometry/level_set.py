@@ -53,9 +53,10 @@ def level_set_mesh(
         computed = np.abs(values) <= reach
         if number == halvings - 1:  # with most points; on coarser grids the wider band finds parts where the field is steeper
             at = np.argwhere(computed)
-            around = np.stack([coarse[tuple((at + corner).T // 2)] for corner in CELL_CORNERS])  # (8, N) at the coarser points
-            apart = step * np.sqrt((at % 2).sum(axis=1))
-            computed[computed] = (around.max(axis=0) <= apart) & (around.min(axis=0) >= -apart)
+            apart, possible = step * np.sqrt((at % 2).sum(axis=1)), np.ones(len(at), bool)
+            for corner in CELL_CORNERS:  # of the coarser cell, edge or face that a point is in the middle of
+                possible &= np.abs(coarse[tuple((at + corner).T // 2)]) <= apart
+            computed[computed] = possible
         if dense_points is not None:
             _mark_cells_around(computed, np.asarray(dense_points) - low, step, dense_radius)
         _evaluate(values, computed, field, low, step)

@@ -13,7 +13,7 @@ from pipeline.kernels.arrays import Array
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.touch.sensor import MM, POSITION_TERMS, SLOPE_TERMS, Box, Calibration, Sensor, pixel_centres
 
-TERMS_AT_ONCE = 5  # added in one loop
+TERMS_AT_ONCE = 5  # added in one loop, which `_add_five` writes out
 FLAT = 1e-7  # m of indentation below which pixels at the ends of a row, also above and below, are not shaded
 
 

@@ -134,7 +134,7 @@ def membrane_indentation(pressed: Array, sigma: tuple[float, float]) -> Array:  
     the gel is flat beyond the image.
     """
     decay_y, decay_x = (math.exp(-math.sqrt(2 * PASSES) / pixels) for pixels in sigma)
-    smooth = np.ascontiguousarray(pressed.T)
+    smooth = pressed.T.copy()
     _smooth_columns(smooth, decay_x)
     smooth = np.ascontiguousarray(smooth.T)
     _smooth_columns(smooth, decay_y)

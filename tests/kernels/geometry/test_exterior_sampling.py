@@ -65,51 +65,10 @@ def test_early_stop_agrees_with_the_full_count(rng):
     points, face = sample_triangles(triangles, 400, rng)
     vectors = face_cross_products(triangles)[face]
     normals, directions = vectors / np.linalg.norm(vectors, axis=1, keepdims=True), spread_directions(DIRECTIONS)
-    front, back = RayScene(mesh.vertices, mesh.faces).count_escapes(points, normals, face, directions)
+    front, back = RayScene(mesh.vertices, mesh.faces).count_escapes(points, normals, directions)
     offset = RAY_OFFSET * np.linalg.norm(np.ptp(mesh.vertices, axis=0))
     free = count_escapes(mesh.triangles, points, directions, offset)
     np.testing.assert_array_equal(front + back >= MIN_ESCAPES, free >= MIN_ESCAPES)
-
-
-def overlapping_bodies(rng: np.random.Generator) -> list[Mesh]:
-    """Balls and boxes, each third one inside out, and an open bowl."""
-    bodies = []
-    for number in range(9):
-        body = (SPHERE if number % 2 else trimesh.creation.box()).copy()
-        body.apply_transform(trimesh.transformations.random_rotation_matrix(rng.random(3)))
-        body.apply_translation(rng.uniform(-0.7, 0.7, 3))
-        bodies.append(Mesh.bare(body.vertices, body.faces[:, :: -1 if number % 3 == 2 else 1]))
-    return [*bodies, Mesh.bare(2 * SPHERE.vertices, SPHERE.faces[SPHERE.triangles_center[:, 2] < 0])]
-
-
-def joined(bodies: list[Mesh]) -> Mesh:
-    starts = np.cumsum([0, *(len(body.vertices) for body in bodies)])
-    faces = np.concatenate([body.faces + start for body, start in zip(bodies, starts, strict=False)])
-    return Mesh.bare(np.concatenate([body.vertices for body in bodies]), faces)
-
-
-def test_enclosed_points_are_inside_a_closed_body_on_both_sides(rng) -> None:
-    bodies = overlapping_bodies(rng)
-    mesh = joined(bodies)
-    points, face = sample_triangles(mesh.triangles, 3000, rng)
-    vectors = face_cross_products(mesh.triangles)[face]
-    normals = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-    found = RayScene(mesh.vertices, mesh.faces).enclose(points, normals, face, spread_directions(DIRECTIONS)[:8])
-    sides = [points + step * normals for step in (1e-9, -1e-9)]
-    closed = [(body.vertices, body.faces.astype(np.int64)) for body in bodies[:-1]]
-    inside = [np.any([np.abs(igl.winding_number(*body, side)) > 0.5 for body in closed], axis=0) for side in sides]
-    enclosed = inside[0] & inside[1]
-    assert not (found & ~enclosed).any()
-    assert found.sum() > 0.8 * enclosed.sum() > 500
-
-
-def test_points_are_those_of_a_count_that_ignores_closed_bodies(rng, monkeypatch) -> None:
-    mesh = joined(overlapping_bodies(rng))
-    points, normals = sample_exterior(mesh, 3000, np.random.default_rng(0))
-    monkeypatch.setattr(RayScene, "enclose", lambda self, points, *_: np.zeros(len(points), bool))
-    expected = sample_exterior(mesh, 3000, np.random.default_rng(0))
-    np.testing.assert_array_equal(points, expected[0])
-    np.testing.assert_array_equal(normals, expected[1])
 
 
 @pytest.mark.parametrize(
