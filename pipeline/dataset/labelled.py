@@ -81,14 +81,14 @@ class _ShardReader(BackendEntrypoint):
         plain = xarray.open_zarr(zarr_store(shard.path), consolidated=False, chunks=None)
         stored = {str(name): array.variable for name, array in plain.data_vars.items()}
         lazy = {
-            name: (variable.dims, LazilyIndexedArray(_StoredArray(shard, name)), variable.attrs, variable.encoding)
+            name: (variable.dims, LazilyIndexedArray(_LazyArray(shard, name)), variable.attrs, variable.encoding)
             for name, variable in stored.items()
         }
         dataset: xarray.Dataset = plain.assign(lazy)
         return dataset
 
 
-class _StoredArray(BackendArray):
+class _LazyArray(BackendArray):
     """The values of an array of a shard."""
 
     def __init__(self, shard: Shard, name: str) -> None:

@@ -12,7 +12,7 @@ from numcodecs import blosc
 
 from schemas.base import FIXED, INDEXED_DIMS, Array, Artifact
 
-if TYPE_CHECKING:  # Zarr takes a third of a second to import, and only validation needs it
+if TYPE_CHECKING:  # Zarr takes a third of a second to import, and few modules need it
     from pydantic_zarr.v3 import ArraySpec
 
     from pipeline.store.stored_array import StoredArray

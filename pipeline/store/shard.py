@@ -176,7 +176,7 @@ class Shard:
             return np.asarray(self.array(name)[index])
 
     def check_arrays(self) -> None:
-        """Open every array at the root, with the errors of `array`."""
+        """Open every array at the root, with the errors of `stored`."""
         for name in filter(None, self.record.metadata):
             self.stored(name)
 

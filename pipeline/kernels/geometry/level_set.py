@@ -60,7 +60,7 @@ def level_set_mesh(
         if dense_points is not None:
             _mark_cells_around(computed, np.asarray(dense_points) - low, step, dense_radius)
         _evaluate(values, computed, field, low, step)
-        while (missing := _mark_corners(_crossed_cells(values)) & ~computed).any():
+        while (missing := _of_corners(np.pad(_crossed_cells(values), 1), np.logical_or) & ~computed).any():
             _evaluate(values, missing, field, low, step)
             computed |= missing
     if not loose_pieces:
@@ -105,10 +105,6 @@ def _double_resolution(values: Array) -> Array:
 def _crossed_cells(values: Array) -> Mask:
     inside = values < 0
     return np.asarray(_of_corners(inside, np.logical_or) & ~_of_corners(inside, np.logical_and))
-
-
-def _mark_corners(cells: Mask) -> Mask:
-    return _of_corners(np.pad(cells, 1), np.logical_or)  # a point is the corner of the cells around it
 
 
 def _of_corners(marks: Mask, combine: Callable[[Mask, Mask], Mask]) -> Mask:

@@ -1,7 +1,6 @@
 """Similarity of shapes and of silhouettes, for the retrieval baselines."""
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
 
 import numpy as np
 import scipy
@@ -18,41 +17,29 @@ def mean_squared_distance(tree: "scipy.spatial.cKDTree", points: Floats) -> floa
     return float(np.square(tree.query(points)[0]).mean())
 
 
-class RetrievalCloud:
-    """A cloud (N, 3) that is compared with many others."""
-
-    def __init__(self, points: Floats) -> None:
-        self.points = points
-
-    @cached_property
-    def tree(self) -> "scipy.spatial.cKDTree":
-        """The search tree of the points."""
-        return search_tree(self.points)
-
-
 class SearchedClouds:
-    """Clouds among which the nearest to a query is searched, with their distances from a grid of sites around all of them."""
+    """Clouds, as search trees, among which the nearest to a query is searched, and their distances from a grid of sites around them."""
 
-    def __init__(self, clouds: Sequence[RetrievalCloud]) -> None:
+    def __init__(self, clouds: "Sequence[scipy.spatial.cKDTree]") -> None:
         self.clouds = clouds
-        low, high = (edge([edge(cloud.points, axis=0) for cloud in clouds], axis=0) for edge in (np.min, np.max))
+        low, high = (edge([edge(cloud.data, axis=0) for cloud in clouds], axis=0) for edge in (np.min, np.max))
         self.sites = np.stack(np.meshgrid(*np.linspace(low, high, SITES).T), axis=-1).reshape(-1, 3)
         self._tree = search_tree(self.sites)
-        self._gaps = np.stack([cloud.tree.query(self.sites)[0] for cloud in clouds])  # (cloud, site) to the nearest point
-        self._places = [self._tree.query(cloud.points) for cloud in clouds]  # of each point, distance from the nearest site, and its number
+        self._gaps = np.stack([cloud.query(self.sites)[0] for cloud in clouds])  # (cloud, site) to the nearest point
+        self._places = [self._tree.query(cloud.data) for cloud in clouds]  # of each point, distance from the nearest site, and its number
 
-    def bounds(self, query: RetrievalCloud, *, both: bool) -> Array:  # (cloud,)
+    def bounds(self, query: "scipy.spatial.cKDTree", *, both: bool) -> Array:  # (cloud,)
         """Compute lower bounds of a query's distances, see `nearest_cloud`, by the triangle inequality over the nearest sites."""
-        apart, site = self._tree.query(query.points)
+        apart, site = self._tree.query(query.data)
         bounds = np.square(np.maximum(self._gaps[:, site] - apart, 0.0)).mean(axis=1)
         if both:
-            gaps = query.tree.query(self.sites)[0]
+            gaps = query.query(self.sites)[0]
             bounds += [np.square(np.maximum(gaps[site] - apart, 0.0)).mean() for apart, site in self._places]
         return np.asarray(bounds * ROUNDING)
 
 
 def nearest_cloud(
-    query: RetrievalCloud,
+    query: "scipy.spatial.cKDTree",
     searched: SearchedClouds,  # in the query's frame
     *,
     both: bool,  # the Chamfer distance, or the mean squared distance from the query's points alone
@@ -64,17 +51,17 @@ def nearest_cloud(
         if bounds[number] >= nearest[0]:
             break
         cloud = searched.clouds[number]
-        distance = mean_squared_distance(cloud.tree, query.points) + (mean_squared_distance(query.tree, cloud.points) if both else 0.0)
+        distance = mean_squared_distance(cloud, query.data) + (mean_squared_distance(query, cloud.data) if both else 0.0)
         nearest = min(nearest, (distance, number))
     return None if nearest[1] < 0 else nearest
 
 
-def chamfer_matrix(clouds: Sequence[RetrievalCloud], advance: Callable[[], None] = lambda: None) -> Array:  # (A, A)
+def chamfer_matrix(clouds: "Sequence[scipy.spatial.cKDTree]", advance: Callable[[], None] = lambda: None) -> Array:  # (A, A)
     """Compute the Chamfer distance of each pair of clouds, in their unit squared; `advance` is called after each row."""
     matrix = np.zeros((len(clouds), len(clouds)))
     for row, cloud in enumerate(clouds):
         for column, other in enumerate(clouds[:row]):
-            distance = mean_squared_distance(other.tree, cloud.points) + mean_squared_distance(cloud.tree, other.points)
+            distance = mean_squared_distance(other, cloud.data) + mean_squared_distance(cloud, other.data)
             matrix[row, column] = matrix[column, row] = distance
         advance()
     return matrix

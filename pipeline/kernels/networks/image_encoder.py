@@ -62,6 +62,8 @@ class PlanarGroupNorm(nn.GroupNorm):
 
     def forward(self, maps: Tensor) -> Tensor:
         """Normalise (B, C, H, W) maps."""
+        if maps.is_cuda:
+            return super().forward(maps)
         return super().forward(maps.contiguous()).contiguous(memory_format=torch.channels_last)
 
 

@@ -190,7 +190,8 @@ class ImplicitNetwork(nn.Module):
             if images is not None and len(with_image):
                 deep = self.encoder(images)
                 maps = [images, *deep]
-                image_code = _placed(self.seen(functional.adaptive_avg_pool2d(deep[-1], POOLED_SIDE).flatten(1)), with_image, image_code)
+                seen = self.seen(functional.adaptive_avg_pool2d(deep[-1], POOLED_SIDE).flatten(1))
+                image_code = image_code.to(seen).index_copy(0, with_image, seen)
             elif self.training:  # processes that share a step wait for the gradient of each weight, even if it is zero
                 image_code = image_code + 0 * sum(weights.sum() for layer in (self.encoder, self.seen) for weights in layer.parameters())
             overall.append(image_code)
@@ -277,8 +278,3 @@ class ImplicitNetwork(nn.Module):
     def _unit(self, points: Tensor) -> Tensor:
         """Convert world, m, to radii from the centre."""
         return (points.to(self.last.weight) - self.last.weight.new_tensor(self.config.centre)) / self.config.radius
-
-
-def _placed(features: Tensor, items: Tensor, base: Tensor) -> Tensor:
-    """Insert the features of some items, (K, …), into those of all, (B, …); return them as they are if K is B."""
-    return features if len(features) == len(base) else base.to(features).index_copy(0, items, features)
