@@ -7,7 +7,8 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch import elastic_contact
 from pipeline.kernels.touch.depth_maps import normal_force, press_gel
-from pipeline.kernels.touch.elastic_contact import layer_factor, press_elastic
+from pipeline.kernels.touch.elastic_contact import press_elastic
+from pipeline.kernels.touch.elastic_layer import layer_factor
 from pipeline.kernels.touch.press_shapes import PressRanges, press_relief, random_press
 from pipeline.kernels.touch.sensor import Gel, Sensor, pixel_centres
 from tests.references.slow_elastic_gel import repeated, slow_press, slow_refine, slow_spread
