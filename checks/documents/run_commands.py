@@ -33,7 +33,7 @@ PAGES = ("README.md", "docs/index.md", *(f"docs/guide/{name}.md" for name in GUI
 
 OTHER_TARGET = "is a test or a measurement of its own"
 NOT_RUN = {
-    r"^make (test|lint|faults)\b": OTHER_TARGET,
+    r"^make (test|lint|faults|bench-before)\b": OTHER_TARGET,
     r"^make reproduce": "dozens of trainings; tests/test_makefile.py holds its commands",
     r"^make train PRESET=paper": "the supplement's networks, days on a CPU",
     r"OBJECTS=~/r2n2": "the cited renderings, which are not to be had here",
