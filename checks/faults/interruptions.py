@@ -141,6 +141,9 @@ def short_of_memory(trial: Trial) -> Verdict:
     more = int(trial.rng.uniform(1, 400)) * MEGABYTE
 
     def work() -> None:
+        import scipy.linalg  # its OpenBLAS waits for ever for memory that it does not get while it is loaded
+
+        assert scipy.linalg
         pages = int(Path("/proc/self/statm").read_text().split()[0])
         limit = pages * resource.getpagesize() + more
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
