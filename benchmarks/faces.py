@@ -23,7 +23,7 @@ STAGES = {"sample-surfaces": "surfaces", "simulate-grasps": "grasps", "render-vi
 SECTIONS = {2: (10, 5), 3: (50, 10), 4: (100, 50), 5: (500, 100), 6: (1000, 500)}
 """Sections of the torus around its axis and of its tube, by the power of ten that is the number of its faces."""
 BEGIN, END = "<!-- faces -->\n", "<!-- /faces -->\n"
-"""What encloses the table in a page."""
+"""Lines of a page before and after the table."""
 
 
 def measure(power: int, folder: Path) -> dict[str, tuple[float, float]]:

@@ -1,6 +1,6 @@
 """Write a dataset of many objects that repeats the rows and models of a small one: `python -m benchmarks.many_objects DATA COUNT OUT`.
 
-Stages that read a whole dataset, such as `evaluate`, then take as long as with so many different objects, and nothing is computed before.
+Stages that read a whole dataset, such as `evaluate`, take as long with it as with COUNT different objects, which would take hours to make.
 OUT/many.yaml is its manifest; the models pass as trained on its objects.
 """
 
@@ -24,7 +24,7 @@ CLASSES = ("bottle", "cellphone", "knife", "rifle")
 
 
 class RepeatedRows(RowFiles):
-    """The files of a few rows, each of which is that of many objects."""
+    """Reads the files of a few rows for many objects."""
 
     def __init__(self, work: Path, artifact: Artifact, results: Mapping[str, Result]) -> None:
         super().__init__(work, artifact)
