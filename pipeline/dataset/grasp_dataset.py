@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
+from pipeline.dataset.grasps import grasp_count
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.store.storage import Location
 
@@ -14,7 +15,7 @@ Item = dict[str, Any]
 
 
 class GraspDataset(Dataset[Item]):
-    """The grasps of a dataset's split, each a dict of tensors and the object's name.
+    """The grasps of a dataset's split, each a dict of tensors and the object's name; empty ones of `read-grasps` are skipped.
 
     Arrays with a grasp dimension give that grasp's part. Arrays of the object, also those of its presses or viewpoints,
     come whole and are read once per object. Constants (`untouched`) come as they are. Shapes, units and frames are the
@@ -31,8 +32,10 @@ class GraspDataset(Dataset[Item]):
         self.arrays = tuple(arrays)
         self.failed = self.rows.failed
         self._of_grasps = {name for name in arrays if self.rows.dims(name)[1:2] == ("grasp",)}
-        grasps = self.rows.size("joint_angles", "grasp")
-        self.items = [(object_id, grasp) for object_id in self.rows.object_ids for grasp in range(grasps)]
+        counts = dict.fromkeys(self.rows.object_ids, self.rows.size("joint_angles", "grasp"))
+        if (stored := self.rows.collections["grasps"]).first.has("grasp_files"):
+            counts = {name: grasp_count(stored.view(name)) for name in counts}
+        self.items = [(object_id, grasp) for object_id, count in counts.items() for grasp in range(count)]
 
     def __len__(self) -> int:
         return len(self.items)

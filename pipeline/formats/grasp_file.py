@@ -130,7 +130,7 @@ def _array_of(content: bytes, *, pickled: bool) -> np.ndarray:
         rest = stream.read()
         if not dtype.hasobject and len(rest) == prod(shape) * dtype.itemsize:
             return np.frombuffer(rest, dtype).reshape(shape, order="F" if fortran else "C")
-    except (ValueError, KeyError, TypeError, OverflowError) as error:
+    except Exception as error:  # NumPy raises whatever its parsing of a header trips over
         raise InvalidInput(f"it is no .npy file that can be read ({error}); write it with numpy.save") from error
     if not dtype.hasobject:
         raise InvalidInput(f"an array of shape {shape} and type {dtype} has {len(rest)} bytes in it; is the file cut off?")
@@ -158,7 +158,7 @@ def _array_grasp(arrays: Mapping[str, Any], row: int) -> Stated:
 def _dexgraspbench(entry: Mapping[str, Any], row: Any) -> Stated:
     """Read a grasp of DexGraspBench, BODex or Dexonomy: position, m, and quaternion of the hand, real part first, then its joints."""
     names = {phase: f"{phase}_qpos" for phase in PHASES if f"{phase}_qpos" in entry}
-    qpos = {phase: _numbers(entry, name, np.shape(_array(entry, name)), row) for phase, name in names.items()}
+    qpos = {phase: np.atleast_1d(_numbers(entry, name, _array(entry, name).shape, row)) for phase, name in names.items()}
     if len(lengths := {len(values) for values in qpos.values()}) > 1 or min(lengths) <= 7:
         raise InvalidInput(f"{', '.join(names.values())} have {sorted(lengths)} numbers; each needs 7 of the root and all joints")
     if "obj_scale" not in entry and "scene_path" in entry:

@@ -66,6 +66,8 @@ def recipe_of(
     items = described.objects(folder and expanded(folder))
     shards = directory.check_shard_count(None)
     for name, collection in by_stage.items():
+        if (maker := collection.first.record.stage) != name:
+            raise InvalidInput(f"{maker} read files that are not in a recipe; publish them, or the dataset, as they are")
         _check_current(collection.first.record, name, items, data)
     _check_sources(by_stage[DATASET[0]], items)
     description_files = find_files(collection.first.record.settings for collection in by_stage.values())

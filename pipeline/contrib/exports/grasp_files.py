@@ -71,8 +71,9 @@ class GraspedObjects(CompletedObjects):
         for name in with_progress(self.object_ids, "export"):
             rows = self.rows(name)
             surface, row = rows["surfaces"], rows["grasps"]
-            held = row["held"] if "held" in set(row) else None
-            yield GraspedObject(name, read_mesh(surface), read_grasps(row), surface["placement"], held)
+            grasps = read_grasps(row)
+            held = row["held"][: len(grasps)] if "held" in set(row) else None
+            yield GraspedObject(name, read_mesh(surface), grasps, surface["placement"], held)
 
 
 def export_grasps(data: Location, folder: Path) -> str:

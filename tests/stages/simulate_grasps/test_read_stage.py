@@ -9,11 +9,13 @@ import pytest
 import yaml
 
 from pipeline.console import errors
+from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.make import make
 from pipeline.engine.plan import Made, Request
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
+from pipeline.recipes.dataset_recipe import recipe_of
 from stages.registry import load_stage, resolve
 from tests.command_line import vt
 from tests.stages.tiny_dataset import ASSIGNMENTS, manifest, run_stage
@@ -136,6 +138,18 @@ def test_wrong_grasps_are_named_and_the_others_are_read(arrays, copy, tmp_path):
     assert not touched[1].any()
     assert pose[1, 2, 3] > 9
     assert "1 grasp of 1 object read, 5 refused" in made.notes
+    assert GraspDataset(copy, ["hand_pose"]).items == [(NAME, 0)]
+    vt("export", copy, tmp_path / "out", "--to", "grasps")
+    with np.load(tmp_path / "out" / f"{NAME}.npz") as exported:
+        assert len(exported["hand_pose"]) == 1
+
+
+def test_recipe_of_grasps_from_files_is_refused_in_words(arrays, copy, tmp_path):
+    (tmp_path / "in").mkdir()
+    np.savez(tmp_path / "in" / f"{NAME}.npz", **arrays)
+    run_on(copy, tmp_path / "in")
+    with pytest.raises(InvalidInput, match="read-grasps read files that are not in a recipe"):
+        recipe_of(copy, "one-of-each")
 
 
 def test_object_without_usable_grasps_fails_with_the_reason(arrays, copy, tmp_path):
