@@ -60,14 +60,14 @@ def recipe_of(
     directory = DataDirectory(data)
     by_stage = {name: collection for name in DATASET if (collection := directory.collection(MADE_BY[name])).shards}
     first_record = directory.collection(MADE_BY[DATASET[0]]).first.record
+    if others := {collection.first.record.stage for collection in by_stage.values()} - set(DATASET):
+        raise InvalidInput(f"{', '.join(others)} read files that no recipe names; publish these files, or the dataset")
     named = manifest or first_record.options.get("--manifest", first_record.manifest)
     described = load_manifest(named).with_units(units or first_record.options.get("--units"), up or first_record.options.get("--up"))
     folder = objects or (Path(first_record.options["--objects"]) if "--objects" in first_record.options else None)
     items = described.objects(folder and expanded(folder))
     shards = directory.check_shard_count(None)
     for name, collection in by_stage.items():
-        if (maker := collection.first.record.stage) != name:
-            raise InvalidInput(f"{maker} read files that are not in a recipe; publish them, or the dataset, as they are")
         _check_current(collection.first.record, name, items, data)
     _check_sources(by_stage[DATASET[0]], items)
     description_files = find_files(collection.first.record.settings for collection in by_stage.values())

@@ -148,7 +148,7 @@ def test_recipe_of_grasps_from_files_is_refused_in_words(arrays, copy, tmp_path)
     (tmp_path / "in").mkdir()
     np.savez(tmp_path / "in" / f"{NAME}.npz", **arrays)
     run_on(copy, tmp_path / "in")
-    with pytest.raises(InvalidInput, match="read-grasps read files that are not in a recipe"):
+    with pytest.raises(InvalidInput, match="read-grasps read files that no recipe names"):
         recipe_of(copy, "one-of-each")
 
 
