@@ -288,7 +288,7 @@ class Grasps(Target):
     def __init__(self) -> None:
         super().__init__()
         self.events: list[str] = []
-        for module in ("encodings.cp437", "tokenize"):  # zipfile and NumPy import them when they are used first
+        for module in ("encodings.cp437", "encodings.raw_unicode_escape", "tokenize"):  # imported by the standard library when needed first
             import_module(module)
         sys.addaudithook(lambda event, _: self.events.append(event) if event.startswith(CALLS) else None)
 

@@ -165,6 +165,8 @@ def _dexgraspbench(entry: Mapping[str, Any], row: Any) -> Stated:
         raise InvalidInput("it names a scene instead of obj_scale and obj_pose; convert it with DexGraspBench's task=format")
     root, scene = (_pose(values[:3], _quaternion(values[3:7])) for values in (qpos["grasp"], _numbers(entry, "obj_pose", (7,))))
     joints = tuple(map(str, _array(entry, "joint_names"))) if "joint_names" in entry else ()
+    if joints and len(joints) != len(qpos["grasp"]) - 7:
+        raise InvalidInput(f"joint_names has {len(joints)} names, the joints in grasp_qpos are {len(qpos['grasp']) - 7}")
     angles = {phase: values[7:] for phase, values in qpos.items()}
     return Stated(_scale(entry, "obj_scale", row), compose(invert_pose(scene), root), joints, angles)
 

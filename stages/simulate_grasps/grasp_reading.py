@@ -20,7 +20,7 @@ from pipeline.store.rows import Row
 from stages.simulate_grasps.grasp_search import OPENING, RESTING_SPEED
 from stages.simulate_grasps.measured_grasps import Attempt, MeasuredGrasps
 from stages.simulate_grasps.prepare import measured_hand, prepare_object
-from stages.simulate_grasps.read_stage import ReadSettings, grasp_folder
+from stages.simulate_grasps.read_stage import ReadSettings, grasp_folder, model_joints
 
 SAME_SCALE = 1e-4  # share by which the scale of a grasp's object may differ from the object's: 0.01 mm at the end of 100 mm
 BEYOND = 0.1  # rad (m) that a joint may be beyond its limits, or off its coupling: more is another joint, or another hand
@@ -148,11 +148,15 @@ class GraspReader:
     def _joint_vector(self, stated: Stated, phase: str) -> Array:  # (J,) rad (m)
         """Put a file's values into the order of the hand's joints, by name."""
         hand, joints = self.hand, self.settings.joints
-        names = [joints.get(name, name) for name in stated.joints] if isinstance(joints, dict) else [*(stated.joints or joints)]
-        values = stated.angles[phase]
+        listed = joints if isinstance(joints, tuple) and joints else model_joints(hand)
+        names, values = stated.joints or listed, stated.angles[phase]
         if len(names) != len(values):
-            asked = "read-grasps.joints names" if names else "does not name its joints: list them in read-grasps.joints, in its order;"
-            raise InvalidInput(f"it has values of {pluralise(len(values), 'joint')}, {asked} {len(names)}")
+            raise InvalidInput(
+                f"it has {len(values)} values of joints and names none of them, {pluralise(len(names), 'joint')} of hand {hand.name} are "
+                "expected; list the names in read-grasps.joints, in the order of the file"
+            )
+        if isinstance(joints, dict):
+            names = [joints.get(name, name) for name in names]
         by_name = dict(zip(names, values.tolist(), strict=True))
         coupled = {hand.joints[follower.link - 1].name: follower for follower in hand.followers}
         known = {**dict.fromkeys(hand.joint_names), **coupled, **hand.frozen}

@@ -1,12 +1,14 @@
 """`read-grasps`: grasps that this project exports come back the same, other files' grasps one by one."""
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 
 from pipeline.console import errors
 from pipeline.dataset.grasp_dataset import GraspDataset
@@ -192,3 +194,29 @@ def test_closed_and_tested_grasps_press_deeper(arrays, data, copy, tmp_path):
     (before,), (after, held) = row_of(data, "joint_angles"), row_of(copy, "joint_angles", "held")
     assert np.abs(after - before).max() > 1e-3
     assert held.shape == (GRASPS,)
+
+
+def bench_file(arrays: dict[str, Any], path: Path, order: Sequence[int]) -> None:
+    """Write the first grasp as DexGraspBench does, its joints in another order and without names."""
+    scale, pose = float(arrays["metres_per_unit"]), arrays["hand_pose"][0]
+    root = [*(scale * pose[:3, 3]), *Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)]
+    qpos = np.array([*root, *arrays["joint_angles"][0][list(order)]])
+    path.parent.mkdir(parents=True)
+    np.save(path, np.array({"obj_scale": scale, "obj_pose": np.eye(7)[3], "grasp_qpos": qpos}, object), allow_pickle=True)
+
+
+def test_joints_without_names_are_those_of_the_model_or_of_the_setting(arrays, data, copy, tmp_path):
+    hand = load_hand("allegro_right")
+    names, order = list(hand.joint_names), [*range(8, 16), *range(8)]
+    model = [joint.name for joint in hand.joints if joint.kind != "fixed"]
+    bench_file(arrays, tmp_path / "model" / NAME / "0.npy", [names.index(name) for name in model])
+    bench_file(arrays, tmp_path / "listed" / NAME / "0.npy", order)
+    for folder, assignments in (("model", []), ("listed", [f"read-grasps.joints=[{', '.join(names[joint] for joint in order)}]"])):
+        run_on(copy, tmp_path / folder, *assignments)
+        (ours,), (theirs,) = row_of(data, "sensor_pose"), row_of(copy, "sensor_pose")
+        np.testing.assert_allclose(theirs[0], ours[0], atol=1e-9)
+    settings = resolve("read-grasps", "draft", [f"read-grasps.folder={tmp_path / 'model'}"])
+    notes = list(load_stage("read-grasps").describe_misfits(settings, [(NAME, {})]))
+    assert f"files do not name joints: read as {', '.join(model)} (read-grasps.joints)" in notes
+    run = run_on(copy, tmp_path / "model", "read-grasps.joints=[a, b]")
+    assert "names none of them, 2 joints of hand allegro_right are expected" in next(iter(run.failures.values())).reason
