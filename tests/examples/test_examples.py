@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from PIL import Image
 
+from pipeline.config.folder_sources import Catalogue
 from pipeline.store.directory import DataDirectory
 from stages.evaluate.evaluation_files import read_figures
 from tests.command_line import vt
@@ -114,3 +115,17 @@ def test_every_example_is_short_and_tested():
     for path in EXAMPLES.glob("*.py"):
         assert len(path.read_text().splitlines()) < 50, path
         assert f'run("{path.stem}"' in tests
+
+
+def test_catalogue_of_grasps_lists_objects_by_size(run, tmp_path):
+    grasps, objects = tmp_path / "graspdata", tmp_path / "objects"
+    objects.mkdir()
+    for scene, scale in (("scale006_pose000", 0.06), ("scale012_pose000", 0.12)):
+        (grasps / "mug" / scene).mkdir(parents=True)
+        content = {"obj_scale": scale, "obj_pose": np.eye(7)[3], "grasp_qpos": np.array([0.0, 0, 0, 1, 0, 0, 0, 0.5])}
+        np.save(grasps / "mug" / scene / "0.npy", np.array(content, object), allow_pickle=True)
+    assert run("catalogue_of_grasps", grasps, objects) == "2 objects\n"
+    source = {"kind": "catalogue", "licence": "x", "path": str(objects)}
+    first, second = Catalogue.model_validate(source).list_objects(None)
+    assert (first.object_id, first.source["metres_per_unit"]) == ("mug-scale006_pose000", 0.06)
+    assert (second.object_id, second.source["metres_per_unit"]) == ("mug-scale012_pose000", 0.12)
