@@ -29,6 +29,7 @@ from schemas.catalogue import ARTIFACTS
 BUILT_IN = {
     "sample-surfaces": "stages.sample_surfaces:SampleSurfaces",
     "simulate-grasps": "stages.simulate_grasps.stage:SimulateGrasps",
+    "read-grasps": "stages.simulate_grasps.read_stage:ReadGrasps",
     "render-vision": "stages.render_vision.stage:RenderVision",
     "simulate-touch": "stages.simulate_touch:SimulateTouch",
     "simulate-presses": "stages.simulate_presses:SimulatePresses",
@@ -39,7 +40,6 @@ BUILT_IN = {
     "train-gcn": "stages.train_gcn:TrainGcn",
     "train-implicit": "stages.train_implicit:TrainImplicit",
     "evaluate": "stages.evaluate.stage:Evaluate",
-    "read-grasps": "stages.simulate_grasps.read_stage:ReadGrasps",
     "read-renderings": "stages.read_renderings:ReadRenderings",
     "train-single-image": "stages.train_gcn:TrainSingleImage",
     "evaluate-single-image": "stages.evaluate.stage:EvaluateSingleImage",

@@ -58,7 +58,7 @@ def grasp_files(folder: Path, object_id: str) -> list[Path]:
     files = [path for path in (*named, *(folder / object_id).rglob("*.np[yz]")) if path.is_file()]
     for dash in re.finditer("-", object_id):
         outer, inner = object_id[: dash.start()], object_id[dash.end() :]
-        if outer and inner and (folder / outer).is_dir():
+        if outer and inner and not inner.startswith(".") and (folder / outer).is_dir():
             files += grasp_files(folder / outer, inner)
     return sorted(set(files), key=_numbered)
 
@@ -70,7 +70,7 @@ def _numbered(path: Path) -> list[Any]:
 
 def read_grasp_file(path: Path, folder: Path) -> Iterator[FileGrasp]:
     """Read the grasps of a file below a folder. Files with Python objects are read without running what they name."""
-    name = visible(path.relative_to(folder).as_posix())
+    name = visible(path.relative_to(folder).as_posix()).replace("\n", "\\n")
     try:
         readers = _readers(read_file(path, MAX_BYTES, name))
     except InvalidInput as error:
@@ -92,7 +92,7 @@ def _readers(content: bytes) -> list[Callable[[], Stated]]:
     readers: list[Callable[[], Stated]] = []
     for entry in np.ravel(_array_of(content, pickled=True)):
         if not isinstance(entry, dict) or not entry.keys() & {"qpos", "grasp_qpos"}:
-            entries = f"the entries {abbreviate([ascii(key) for key in entry])}" if isinstance(entry, dict) else "no dictionary"
+            entries = f"the entries {abbreviate([ascii(key[:40]) for key in entry])}" if isinstance(entry, dict) else "no dictionary"
             raise InvalidInput(f"it has {entries}; {FORMATS}")
         if "qpos" in entry:
             readers.append(partial(_dexgraspnet, entry))

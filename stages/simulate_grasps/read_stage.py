@@ -1,5 +1,6 @@
 """`read-grasps`: grasps made elsewhere, in place of those that `simulate-grasps` searches."""
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from itertools import islice
@@ -104,10 +105,13 @@ class ReadGrasps(GraspStage):
             for values in (shard.read("grasp_files"), shard.read("refused_grasps"))
         )
         counts = [len(lines) for lines in read.values()]
-        yield f"{pluralise(sum(counts), 'grasp')} of {pluralise(len(read))} read, {sum(map(len, refused.values()))} refused"
+        further = sum(int(lines.pop().split()[0]) for lines in refused.values() if re.match("[0-9]+ further: ", lines[-1]))
+        refused = {name: lines for name, lines in refused.items() if lines}
+        total = f"{pluralise(sum(counts), 'grasp')} of {pluralise(len(read))} read, {sum(map(len, refused.values()))} refused"
+        yield total + (f", {further} further not read: read-grasps.grasps is {settings.grasps}" if further else "")
         if refused:
-            reasons = next(iter(refused.values()))
-            yield f"warning: grasps of {pluralise(len(refused))} refused ({abbreviate([*refused])}; all in `refused_grasps`), {reasons[0]}"
+            reason = next(iter(refused.values()))[0]
+            yield f"warning: grasps of {pluralise(len(refused))} refused ({abbreviate([*refused])}; all in `refused_grasps`), {reason}"
         if counts and max(counts) < settings.grasps:
             yield f"no object has more than {pluralise(max(counts), 'grasp')}: read-grasps.grasps={max(counts)} saves the empty ones"
 

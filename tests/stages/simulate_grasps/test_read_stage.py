@@ -121,7 +121,9 @@ def test_wrong_grasps_are_named_and_the_others_are_read(arrays, copy, tmp_path):
         "2-limits": {"joint_angles": arrays["joint_angles"] + 5},
         "3-inside": {"hand_pose": arrays["hand_pose"] * 0 + np.eye(4)},
         "4-fewer": {"joint_angles": arrays["joint_angles"][:, 1:], "joint_names": arrays["joint_names"][1:]},
-        "5-sound": {},
+        "5-far": {"hand_pose": arrays["hand_pose"] + np.array([[0, 0, 0, 1e30]] * 3 + [[0] * 4])},
+        "6-target": {"squeeze": arrays["joint_angles"] * 1e30},
+        "7-sound": {},
     }
     folder = tmp_path / "in" / NAME
     folder.mkdir(parents=True)
@@ -129,17 +131,17 @@ def test_wrong_grasps_are_named_and_the_others_are_read(arrays, copy, tmp_path):
         np.savez(folder / f"{name}.npz", **({key: value[:1] if value.ndim > 1 else value for key, value in (arrays | changes).items()}))
     made = run_on(copy, tmp_path / "in")
     read, refused, touched, pose = row_of(copy, "grasp_files", "refused_grasps", "touch_success", "hand_pose")
-    assert str(read) == f"{NAME}/5-sound.npz"
+    assert str(read) == f"{NAME}/7-sound.npz"
     reasons = str(refused).splitlines()
-    expected = ("metres_per_unit: ", "'wrist'", "its limits are", "inside", "no value for")
-    for name, line, words in zip([*wrong][:5], reasons, expected, strict=True):
+    expected = ("metres_per_unit: ", "'wrist'", "its limits are", "inside", "no value for", "in metres?", "in the squeeze")
+    for name, line, words in zip([*wrong][:7], reasons, expected, strict=True):
         assert line.startswith(f"{NAME}/{name}.npz: "), line
         assert words in line, line
-    assert len(reasons) == 5
+    assert len(reasons) == 7
     assert touched[0].any()
     assert not touched[1].any()
     assert pose[1, 2, 3] > 9
-    assert "1 grasp of 1 object read, 5 refused" in made.notes
+    assert "1 grasp of 1 object read, 7 refused" in made.notes
     assert GraspDataset(copy, ["hand_pose"]).items == [(NAME, 0)]
     vt("export", copy, tmp_path / "out", "--to", "grasps")
     with np.load(tmp_path / "out" / f"{NAME}.npz") as exported:
@@ -152,6 +154,14 @@ def test_recipe_of_grasps_from_files_is_refused_in_words(arrays, copy, tmp_path)
     run_on(copy, tmp_path / "in")
     with pytest.raises(InvalidInput, match="read-grasps read files that no recipe names"):
         recipe_of(copy, "one-of-each")
+
+
+def test_more_grasps_than_the_setting_are_counted(arrays, copy, tmp_path):
+    (tmp_path / "in").mkdir()
+    three = {name: values[[0, 1, 1]] if values.ndim > 1 else values for name, values in arrays.items()}
+    np.savez(tmp_path / "in" / f"{NAME}.npz", **three)
+    made = run_on(copy, tmp_path / "in", "read-grasps.grasps=1")
+    assert "1 grasp of 1 object read, 0 refused, 2 further not read: read-grasps.grasps is 1" in made.notes
 
 
 def test_object_without_usable_grasps_fails_with_the_reason(arrays, copy, tmp_path):
