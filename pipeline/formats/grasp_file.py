@@ -198,17 +198,17 @@ def _numbers(entry: Mapping[str, Any], name: str, shape: tuple[int, ...], row: A
     array = _array(entry, name)
     if array.shape != shape or array.dtype.kind not in "fiu":
         raise InvalidInput(f"{name} has shape {array.shape} and type {array.dtype}; it must be numbers of shape {shape}")
-    values = array[row].astype(np.float64)
+    values: Array = array[row].astype(np.float64)
     if not np.isfinite(values).all():
         raise InvalidInput(f"{name} has a value that is not finite; correct it, or remove the grasp")
     return values
 
 
 def _number(entry: Mapping[str, Any], name: str) -> float:
-    value = entry.get(name)
-    if isinstance(value, np.ndarray) and value.size == 1:
+    value: Any = entry.get(name)
+    if isinstance(value, np.ndarray | np.generic) and value.size == 1:
         value = value.item()
-    if not isinstance(value, int | float | np.integer | np.floating) or not abs(value) < 1e6:
+    if not isinstance(value, int | float) or not abs(value) < 1e6:
         raise InvalidInput(f"it has no number {name} between -1e6 and 1e6; {FORMATS}")
     return float(value)
 

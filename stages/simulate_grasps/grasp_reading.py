@@ -125,17 +125,13 @@ class GraspReader:
         start, grasp, squeeze = angles.get("pregrasp"), angles["grasp"], angles.get("squeeze")
         if self.physics is not None:
             opened, pressed = pregrasp_angles(hand, grasp, [OPENING, -self.settings.squeeze])
-            start = opened if start is None else start
-            grasp, rests = self.physics.settle(
-                pose,
-                start,
-                pressed if squeeze is None else squeeze,
-                max_steps=self.settings.settle_steps,
-                resting_speed=RESTING_SPEED,
-            )
-            squeeze = None
+            start, steps = opened if start is None else start, self.settings.settle_steps
+            grasp, rests = self.physics.settle(pose, start, pressed, max_steps=steps, resting_speed=RESTING_SPEED)
             if not rests:
-                raise InvalidInput(f"fingers still move after {self.settings.settle_steps} steps (read-grasps.settle_steps)")
+                raise InvalidInput(
+                    f"fingers still move after {steps} steps (read-grasps.settle_steps): does `vt-pipeline check` of the hand file name "
+                    "links that overlap?"
+                )
         attempt = self.measured.measure(pose, grasp if start is None else start, grasp, squeeze)
         if attempt.fault:
             raise InvalidInput(f"{attempt.fault}: {1e3 * attempt.penetration:.1f} mm; is read-grasps.root right for this hand?")

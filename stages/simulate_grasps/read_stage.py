@@ -55,7 +55,7 @@ class ReadSettings(HandSettings):
     )
     close: bool = setting(
         False,
-        "close the fingers from the pre-grasp towards the squeeze until contact rests, instead of taking the joint angles as they are",
+        "close the fingers from the pre-grasp to `squeeze` beyond the grasp until contact rests, instead of taking the angles as they are",
         changes="definition",
     )
     penetration_limit: float = setting(
