@@ -86,9 +86,10 @@ def drag_gel(
     if not contact.any():
         return gel_at_rest(sensor)
     layer, window, stuck = Layer(pitch, sensor.gel.poisson, thickness), _window(contact), before.anchor + along
+    friction = friction if friction >= FRICTIONLESS else 0.0
     bound = friction * pressure[window[1:]]
     traction, settled, local = np.zeros_like(stuck), True, shear_displacement(bound.shape, contact.shape, layer)
-    if friction >= FRICTIONLESS:
+    if friction > 0:
         target = stuck[window] - local(traction[window], pressure[window[1:]])
         traction[window], settled = _solve(target, bound, before.traction[window] / stiff, local, shear_stiffness(bound.shape, layer))
     displacement = shear_displacement(contact.shape, contact.shape, layer)(traction, pressure).astype(np.float64)
