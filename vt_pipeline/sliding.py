@@ -72,7 +72,7 @@ class SlidingTouch(Touch):
     @property
     def slips(self) -> NDArray[np.bool_]:
         """(rows, cols): where the object slips; elsewhere in `contact` it sticks."""
-        return self.slip.any(axis=-1)
+        return np.asarray(self.slip.any(axis=-1))
 
     @property
     def slip_share(self) -> float:

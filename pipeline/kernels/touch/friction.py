@@ -39,8 +39,9 @@ class FrictionState(NamedTuple):
 def gel_at_rest(sensor: Sensor) -> FrictionState:
     """Make the state of a gel that nothing has sheared."""
     factor, _ = contact_cells(sensor)
-    shape = tuple(-(-count // factor) for count in sensor.shape)
-    return FrictionState(*np.zeros((4, 2, *shape)), np.zeros(shape, bool))
+    shape = (-(-sensor.rows // factor), -(-sensor.cols // factor))
+    traction, displacement, anchor, slip = np.zeros((4, 2, *shape))
+    return FrictionState(traction, displacement, anchor, slip, np.zeros(shape, bool))
 
 
 def object_motion(
@@ -103,8 +104,7 @@ def drag_gel(
 def surface_displacement(state: FrictionState, sensor: Sensor) -> Array:  # (rows, cols, 2) m
     """Interpolate the displacement of a gel's surface between the middles of cells."""
     factor, _ = contact_cells(sensor)
-    fine = state.displacement if factor == 1 else [refine(part, factor, sensor.shape) for part in state.displacement]
-    return np.stack(fine, axis=-1)
+    return np.stack([part if factor == 1 else refine(part, factor, sensor.shape) for part in state.displacement], axis=-1)
 
 
 def surface_traction(state: FrictionState, pressed: PressedGel, sensor: Sensor) -> Array:  # (rows, cols, 2) Pa
@@ -112,7 +112,7 @@ def surface_traction(state: FrictionState, pressed: PressedGel, sensor: Sensor) 
     fine = np.asarray(pressed.pressure)
     pressure = cell_means(fine, contact_cells(sensor)[0])
     ratio = np.divide(state.traction, pressure, out=np.zeros_like(state.traction), where=pressure > 0)
-    return on_pixels(ratio, sensor) * fine[..., None]
+    return np.asarray(on_pixels(ratio, sensor) * fine[..., None])
 
 
 def on_pixels(cells: Array, sensor: Sensor) -> Array:  # (rows, cols, 2)
@@ -128,13 +128,13 @@ def _longest(vectors: Array) -> float:
 
 def _window(contact: Mask) -> tuple[slice, slice, slice]:
     """Find the window of a contact; the first slice is of both components."""
-    window = [slice(None)]
+    slices = []
     for axis in (1, 0):
         at, count = np.flatnonzero(contact.any(axis=axis)), contact.shape[1 - axis]
         size = min(-(-(at[-1] - at[0] + 1) // BLOCK) * BLOCK, count)
         start = min(at[0], count - size)
-        window.append(slice(start, start + size))
-    return tuple(window)
+        slices.append(slice(start, start + size))
+    return slice(None), slices[0], slices[1]
 
 
 def _solve(target: Array, bound: Array, start: Array, local: ShearConvolution, stiffness: ShearConvolution) -> tuple[Array, bool]:
@@ -154,7 +154,7 @@ def _solve(target: Array, bound: Array, start: Array, local: ShearConvolution, s
     for _ in range(MAX_STEPS):
         moved = local(traction)
         size, before = max(size, np.abs(moved).max()), residual.copy()
-        error = _look(traction, moved - target, radius, small, normal, curvature, residual)
+        error = _look(traction, np.subtract(moved, target, dtype=np.float32), radius, small, normal, curvature, residual)
         if error <= TOLERANCE * size:
             return traction * np.float64(unit), True
         weight = (radius > 0) / np.sqrt(1 + curvature * stiffness.size)
@@ -202,7 +202,7 @@ def _look(
             curvature[row, col] = outwards / limit if slips else np.float32(0)
             residual[0, row, col], residual[1, row, col] = gap_x, gap_y
     _along_rims(residual, normal)
-    return np.sqrt(squares / max(cells, 1)) / small
+    return float(np.sqrt(squares / max(cells, 1)) / small)
 
 
 @compiled
