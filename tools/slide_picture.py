@@ -55,7 +55,8 @@ def forces(time: np.ndarray, touches: list[vt.SlidingTouch]) -> Callable[[Any], 
         axes.plot(time, [touch.force for touch in touches], label="normal, N")
         axes.plot(time, [-touch.shear_force[0] for touch in touches], label="against x, N")
         axes.plot(time, [-1e3 * touch.torque for touch in touches], label="torque, mN·m")
-        axes.legend(fontsize=7)
+        axes.set_ylim(0, 1)
+        axes.legend(fontsize=7, loc="upper left")
 
     return draw
 
