@@ -12,12 +12,8 @@ from numcodecs import blosc
 
 from schemas.base import FIXED, INDEXED_DIMS, Array, Artifact
 
-if TYPE_CHECKING:  # Zarr takes a third of a second to import, and few modules need it
-    from pydantic_zarr.v3 import ArraySpec
-
+if TYPE_CHECKING:
     from pipeline.store.stored_array import StoredArray
-
-    AnyArray = ArraySpec[Any]
 
 OBJECTS_PER_FILE = 64
 """Objects whose chunks share one file: few files, yet no more than these in memory while a shard is written."""
@@ -49,14 +45,7 @@ def array_metadata(array: Array, shape: tuple[int, ...]) -> dict[str, Any]:
     }
 
 
-def array_spec(array: Array, shape: tuple[int, ...]) -> "AnyArray":
-    """Specify an array for Zarr."""
-    from pydantic_zarr.v3 import ArraySpec
-
-    return ArraySpec(**array_metadata(array, shape))
-
-
-def array_codecs(array: Array, shape: tuple[int, ...]) -> Any:
+def array_codecs(array: Array, shape: tuple[int, ...]) -> list[dict[str, Any]]:
     """List the codecs of an array as its `zarr.json` names them.
 
     zstd over shuffled bytes with a checksum, an object (or one grasp, viewpoint or camera of it) per chunk, up to
@@ -110,7 +99,7 @@ def schema_name(path: str) -> str:
     return "/".join((parts[0], parts[-1])) if len(parts) == 3 else path
 
 
-def schema_violations(artifact: Artifact, arrays: "Mapping[str, AnyArray | StoredArray]") -> Iterator[str]:
+def schema_violations(artifact: Artifact, arrays: "Mapping[str, StoredArray]") -> Iterator[str]:
     """List the violations of a schema by a group's arrays, given by path, one line each with array and reason."""
     for name, array in artifact.arrays.items():
         if name not in arrays and not array.optional:
@@ -128,11 +117,11 @@ def schema_violations(artifact: Artifact, arrays: "Mapping[str, AnyArray | Store
                 yield f"{path}: dimension {dim} has size {size}, but {sizes[dim][0]} in {sizes[dim][1]}"
 
 
-def array_violations(path: str, declaration: Array, stored: "AnyArray | StoredArray") -> Iterator[str]:
+def array_violations(path: str, declaration: Array, stored: "StoredArray") -> Iterator[str]:
     """List the violations of a declaration by a stored array, one line each."""
     if stored.data_type != declaration.dtype:
         yield f"{path}: dtype is {stored.data_type}, the schema says {declaration.dtype}"
-    if tuple(stored.dimension_names or ()) != declaration.dims or len(stored.shape) != len(declaration.dims):
+    if stored.dimension_names != declaration.dims or len(stored.shape) != len(declaration.dims):
         yield f"{path}: dimensions are {stored.dimension_names} of {stored.shape}, the schema says {declaration.dims}"
         return
     for dim, size in zip(declaration.dims, stored.shape, strict=True):
