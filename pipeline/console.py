@@ -19,10 +19,8 @@ from rich.table import Table as RichTable
 Item = TypeVar("Item")
 
 SECONDS_PER_LINE = 15.0
-NAMED = 5
-"""Objects or files named in one line."""
-REDIRECTED_WIDTH = 200
-"""Columns where no terminal says how many it has: a table in a log is not squeezed."""
+NAMED = 5  # objects or files named in one line
+REDIRECTED_WIDTH = 200  # columns where no terminal says how many it has: a table in a log is not squeezed
 
 
 CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")

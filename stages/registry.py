@@ -61,11 +61,7 @@ TRADED = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch
 
 
 def load_stage(name: str) -> ObjectStage | DatasetStage:
-    """Load the stage called `name`, a key of `STAGES`.
-
-    An `InvalidInput` names several packages that bring one of this name; a `StageError` says that a plugin's stage
-    cannot be imported, is not a stage of this name, or writes an artifact that its package does not declare.
-    """
+    """Load the stage called `name`, a key of `STAGES`."""
     packages = [plugins.package_of(entry) for entry in plugins.declared("stages") if entry.name == name]
     plugins.check_unique("stage", name, ["vt-pipeline"] * (name in BUILT_IN) + packages)
     entry = STAGES[name]
@@ -99,8 +95,7 @@ def resolve(
 ) -> Settings:
     """Resolve a stage's settings from defaults, preset and assignments; each overrides those before it.
 
-    Assignments to other stages change nothing, hence one list serves all stages. For an unknown preset, stage or
-    setting, or a value that is not allowed, an `InvalidInput` lists the known ones.
+    Assignments to other stages change nothing, hence one list serves all stages.
     """
     presets, settings = load_presets(), _settings_type(stage)
     if preset not in presets:

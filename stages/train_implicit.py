@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 
     from pipeline.training.items import Items
 
-MISPLACED = 0.5
-"""Share of the items with image and touches that are displaced, if `placement_error` is not 0."""
+MISPLACED = 0.5  # share of the items with image and touches that are displaced, if `placement_error` is not 0
 
 
 class ImplicitSettings(ReconstructionSettings):

@@ -32,10 +32,8 @@ if TYPE_CHECKING:
 NAME = "train-touch"
 ARRAYS = ("press_image", "press_indentation", "press_contact", "press_untouched")
 """Arrays that are read of each object."""
-AT_CONTACT = 0.85
-"""Share of the windows that lie about a contact; the others lie anywhere."""
-DRIFT_SIDE = 3
-"""Points per side between which drift is interpolated: it is smooth."""
+AT_CONTACT = 0.85  # share of the windows that lie about a contact; the others lie anywhere
+DRIFT_SIDE = 3  # points per side between which drift is interpolated: it is smooth
 
 
 class TouchTrainingSettings(TrainingSettings):

@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     import torch
     from torch import Tensor, nn
 
-ARRAYS = ("tactile_image", "depth", "untouched", "touch_success")
-"""Arrays that are read of each object."""
+ARRAYS = ("tactile_image", "depth", "untouched", "touch_success")  # arrays that are read of each object
 MICROMETRES = 1e6
 
 

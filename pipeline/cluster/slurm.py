@@ -22,8 +22,7 @@ State = Literal["pending", "running", "done", "failed", "unknown"]
 
 PENDING = {"PENDING", "REQUEUED", "REQUEUE_FED", "REQUEUE_HOLD", "SPECIAL_EXIT"}
 ENDED = {"BOOT_FAIL", "CANCELLED", "DEADLINE", "FAILED", "NODE_FAIL", "OUT_OF_MEMORY", "PREEMPTED", "REVOKED", "TIMEOUT"}
-SECONDS = 60
-"""Time limit for an answer of Slurm, which may be under load."""
+SECONDS = 60  # time limit for an answer of Slurm, which may be under load
 
 
 class SubmittedJob(Entries):

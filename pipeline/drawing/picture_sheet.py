@@ -13,8 +13,7 @@ from pipeline.kernels.touch.sensor import Sensor
 
 T = TypeVar("T")
 
-PAGE = 8
-"""Rows per page."""
+PAGE = 8  # rows per page
 PICTURE, GAP, MARGIN, LINE, HEAD = 256, 8, 24, 20, 84
 """Pixels: the height of a row's pictures, between things, around a page, a line of text, a page's head."""
 INK, FAINT, PAPER, RULE = (34, 34, 38), (120, 120, 128), (255, 255, 255), (222, 222, 226)

@@ -49,10 +49,7 @@ def _outputs(request: Request[Any], shard: int | None) -> Iterator[Plan]:
 
 
 def shard_numbers(request: Request[Any], shard: int | None) -> Sequence[int]:
-    """Choose the shards that a run makes, none of a dataset stage.
-
-    A `StoreError` says that the dataset is split into another number of shards, or that the requested object is in another one.
-    """
+    """Choose the shards that a run makes, none of a dataset stage."""
     if not request.stage.per_object:
         if request.only is not None or shard is not None:
             raise InvalidInput(f"{request.stage.name} processes all objects at once; run it without --object and --shard")

@@ -141,13 +141,7 @@ class Plan(ABC):
         return Made(self.stage.name, self.path, text, **facts)
 
     def make(self, console: Console) -> Made:
-        """Make what is missing. A run that is killed at any moment continues where it stopped when it is run again.
-
-        An `InvalidInput` ends it at the first object that fails in this stage, or failed in it before, if `strict`; a
-        `StageError`, if the stage cannot work here, or a hand, sensor or scene file cannot be used; a `StoreError`, if
-        another run is making the output, it holds other objects, an input is damaged, or results cannot be stored (a full
-        disk, a directory that may not be written to); a `BugFound`, if processing an object raised an unexpected exception.
-        """
+        """Make what is missing. A run that is killed at any moment continues where it stopped when it is run again."""
         if self.up_to_date():
             return self.current()
         self._warn_of_low_disk_space()

@@ -23,11 +23,8 @@ from pipeline.store.temporary import environment, temporary_folder
 TRIES = 2
 """Attempts per object: a process that dies may have been killed from outside; if it dies again, the object has failed."""
 
-CLOSE_SECONDS = 10.0
-"""Time limit for a worker to close its session."""
-
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-"""Environment of workers: each has a core."""
+CLOSE_SECONDS = 10.0  # time limit for a worker to close its session
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # environment of workers: each has a core
 
 NO_LEAKS = {"PYTHONWARNINGS": "ignore:resource_tracker:UserWarning"}
 """Environment of Python's tracker, which releases semaphores that libraries have in a worker when it is killed, and warns of them."""

@@ -21,8 +21,7 @@ OBJECTS_PER_FILE = 64
 LEVEL = 5
 """zstd's level inside Blosc: 4 ms for a grasp's depth maps and tactile images; 8 makes them an eighth smaller, in six times as long."""
 
-SMALL_CHUNK = 16 * 1024
-"""Bytes below which splitting further costs more in headers than it saves in reading."""
+SMALL_CHUNK = 16 * 1024  # bytes below which splitting further costs more in headers than it saves in reading
 
 
 def numpy_dtype(array: Array) -> np.dtype[Any]:

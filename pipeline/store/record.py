@@ -23,8 +23,7 @@ from pipeline.errors import OtherVersion, StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.storage import Location, read_bytes
 
-FORMAT: Final = 2
-"""Version of the format of records, raised when an older version could misread them."""
+FORMAT: Final = 2  # version of the format of records, raised when an older version could misread them
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199}$")]

@@ -20,8 +20,7 @@ from pipeline.store.storage import File, Location, exists, files_below, is_machi
 from pipeline.store.stored_array import StoredArray
 from schemas.base import COMMON, Artifact
 
-_CHUNK = re.compile(r"/c(/[0-9]+)*$")
-"""The end of a chunk's path, which follows that of its array."""
+_CHUNK = re.compile(r"/c(/[0-9]+)*$")  # the end of a chunk's path, which follows that of its array
 
 
 class Shard:

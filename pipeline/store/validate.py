@@ -138,8 +138,7 @@ def check_origins(directory: DataDirectory, names: Iterable[str], objects: Conta
     """Check that artifacts and folders, and all that they were made from, were made from the current inputs.
 
     With `objects`, check the rows of these alone: their shards may be remade before others. By default check all, which
-    must belong together. A `StoreError` names what was made from something else, has other splits, or has shards that
-    were made with different settings, and what to run again.
+    must belong together.
     """
     checked: set[str] = set()
     waiting = list(names)

@@ -9,8 +9,7 @@ from pipeline.console import Row, Table
 from pipeline.store.digest import of_json
 from pipeline.store.record import FolderRecord
 
-LONGEST_NAME = 150
-"""Characters of the name of a point's folder: records allow 200, with those of a version."""
+LONGEST_NAME = 150  # characters of the name of a point's folder: records allow 200, with those of a version
 
 
 def grid_points(grid: Mapping[str, Iterable[Any]]) -> Iterator[dict[str, Any]]:

@@ -15,8 +15,7 @@ from pipeline.formats.file_content import regular_stat
 from pipeline.store.atomic import write_atomically
 from pipeline.store.storage import read_bytes
 
-METRICS = "metrics.json"
-"""Losses of each epoch of a finished training."""
+METRICS = "metrics.json"  # losses of each epoch of a finished training
 FILE = ".checkpoint.safetensors"
 """Hidden, as it is no part of the model; it stays until the model is finished."""
 

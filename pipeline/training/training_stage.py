@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
 IMAGES = {"occluded": VISION, "unoccluded": VISION, "any": VISION, "rendering": RENDERINGS}
 """The artifact that holds each kind of image."""
-LEARNED_BEFORE = "learned_before"
-"""Name of a training's fact: what its pretrained network had learned from."""
+LEARNED_BEFORE = "learned_before"  # name of a training's fact: what its pretrained network had learned from
 OF_MESHES = ("spacing", "touch_reach")
 """Entries of a network's description that only decide how its predictions are meshed; its weights do not depend on them."""
 OTHER_STAGES = {"side": "fit-charts"}

@@ -23,15 +23,12 @@ TABLES_ZARR = "tables.zarr"
 METRICS = "metrics.json"
 METHOD_NAME = r"^[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}$"
 """Pattern of the name of a method that is scored, which becomes the name of a folder."""
-SHIPPED_SCORES = "scores/shipped"
-"""Folder of the figures of the pretrained network, below a data directory."""
-SHIPPED_ROWS = "shipped-"
-"""Prefix of the names of its rows in tables: `shipped-touch` takes touches."""
+SHIPPED_SCORES = "scores/shipped"  # folder of the figures of the pretrained network, below a data directory
+SHIPPED_ROWS = "shipped-"  # prefix of the names of its rows in tables: `shipped-touch` takes touches
 
 Arrays = dict[str, np.ndarray]
 
-NOTHING = np.zeros(0, int), np.zeros(0)
-"""Object numbers and values of a metric that was not measured."""
+NOTHING = np.zeros(0, int), np.zeros(0)  # object numbers and values of a metric that was not measured
 
 
 class Figure(NamedTuple):

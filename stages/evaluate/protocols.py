@@ -33,14 +33,11 @@ from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
 from stages.evaluate.measure import Case, MeasuredCase, Method, Protocol
 
-NEAR, NEAR_SHARE = 5e-3, 0.01
-"""Distances of the F-scores: m, and a share of the object's diagonal."""
+NEAR, NEAR_SHARE = 5e-3, 0.01  # distances of the F-scores: m, and a share of the object's diagonal
 POINTS_IN_BOX = 20_000
 """Points in the box around an object and its closed mesh: their overlap is accurate to 0.02 if they fill a twentieth of the box."""
-CHAMFER_FACTOR = 1000.0
-"""Factor of Table 4's Chamfer distances."""
-SILHOUETTE_STEP = 2
-"""Every second pixel of every second row of a rendering's silhouette is compared."""
+CHAMFER_FACTOR = 1000.0  # factor of Table 4's Chamfer distances
+SILHOUETTE_STEP = 2  # every second pixel of every second row of a rendering's silhouette is compared
 
 
 class GraspProtocol(Protocol):

@@ -25,8 +25,7 @@ from pipeline.formats.image_file import encode_image
 from pipeline.store.record import Name, Sha256
 from stages.render_vision.renderer import Renderer
 
-THUMBNAIL = 150
-"""Pixels per side of a picture in the gallery."""
+THUMBNAIL = 150  # pixels per side of a picture in the gallery
 MAX_COLUMNS = 10
 """Most columns of a grasp's pictures; more continue in further rows of equal length. A camera image takes two."""
 PARTS = {

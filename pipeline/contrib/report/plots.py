@@ -12,8 +12,7 @@ from pipeline.kernels.metrics.bootstrap import Interval
 
 DECADES = 3
 """Decades below a limit that a histogram shows; values beyond them, or a decade above it, count at its ends."""
-HATCHES = ("", "//")
-"""Hatches of bars, so that they differ without colours."""
+HATCHES = ("", "//")  # hatches of bars, so that they differ without colours
 LINES = ("-", "--", "-.", ":")
 MARKERS = ("o", "s", "D", "^", "v")
 
