@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
@@ -130,7 +131,7 @@ class Shard:
         of_object, declared, content = "/" in name, self.artifact.of(schema_name(name)), self._metadata(name)
         with self.errors_as_damage(f"{name} cannot be opened"):
             array = StoredArray.open(self.path / name, content)
-            files = array.count_files()
+            files = math.prod(math.ceil(size / part) for size, part in zip(array.shape, array.file_shape, strict=True))
             violations = list(array_violations(name, declared, array)) if declared else []
         if (sound := self._chunk_files[name]) < files:
             raise StoreError(f"{self.path}: of {name} {files - sound} of {files} files are missing or empty; {self.remedy}")

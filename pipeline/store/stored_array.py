@@ -52,10 +52,6 @@ class StoredArray:
         chunks = content["codecs"][0].get("configuration", {}).get("chunk_shape", file_shape)
         return cls(path, tuple(content["shape"]), content["data_type"], tuple(names or ()), tuple(file_shape), tuple(chunks), content)
 
-    def count_files(self) -> int:
-        """Count the files of the array."""
-        return math.prod(math.ceil(size / part) for size, part in zip(self.shape, self.file_shape, strict=True))
-
     def has_layout_of(self, array: Array) -> bool:
         """Check that the array is on a disk, in files as this version lays out such an array: `read` reads no other."""
         layout = chunking(array, self.shape)[0], array_codecs(array, self.shape)

@@ -1,4 +1,4 @@
-"""The files of a group as Zarr reads them. Importing Zarr takes a third of a second: only what needs it imports this module."""
+"""The files of a group as Zarr reads them. Import this module where it is needed: Zarr takes a third of a second to import."""
 
 import errno
 from contextlib import suppress
