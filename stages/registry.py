@@ -54,8 +54,7 @@ STAGES = {
 GRASP_STAGES = [name for name in BUILT_IN if "single-image" not in name and name != "read-renderings"]
 """Stages for any manifest; the others need a manifest that names renderings."""
 
-DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
-"""Stages that make a dataset."""
+DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")  # stages that make a dataset
 TRADED = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch", "train-unet", "fit-charts", "train-gcn")
 """Stages that declare what they trade between speed and accuracy: their modules have a `TRADE`."""
 

@@ -92,12 +92,10 @@ class ImplicitSettings(ReconstructionSettings):
 
     @property
     def dropped_inputs(self) -> tuple[float, float]:
-        """The shares of items that `implicit-any` is given without image, and without touches."""
         return self.dropped_image, self.dropped_grasps
 
     @property
     def touch_dropout(self) -> float:
-        """The share of touch charts that is skipped."""
         return (0.1 if self.inputs.image == "any" else 0.0) if self.dropped_touches is None else self.dropped_touches
 
 

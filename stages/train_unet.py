@@ -158,7 +158,6 @@ class TrainUnet(Training):
         return "models/unet"
 
     def grid(self, settings: UnetSettings) -> dict[str, tuple[Any, ...]]:
-        """Give the grid of supplement 2.2."""
         return {"learning_rate": (1e-3, 1e-4, 5e-5, 3e-5, 1e-5)}
 
     def cost(self, settings: UnetSettings, objects: int) -> Cost:

@@ -25,8 +25,7 @@ from stages.render_vision.renderer import PosedMesh, Renderer
 
 Picture = NDArray[np.uint8]  # (rows, cols, 3)
 Rows = Mapping[str, Mapping[str, np.ndarray]]  # an object's rows, by artifact
-TRIAL_RESOLUTION = 48
-"""Pixels per side of the images that decide between cameras: enough to count what they show."""
+TRIAL_RESOLUTION = 48  # pixels per side of the images that decide between cameras: enough to count what they show
 STRIDE = 3  # every `STRIDE`-th pixel of a sensor becomes a vertex of its patch
 SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))  # the corners of a gel, in half sides
 LINE, RIM, FINE = 1.5, 2.5, 4

@@ -29,7 +29,6 @@ class Dask(Executor):
 
     @property
     def processes(self) -> int:
-        """The number of workers that the scheduler has."""
         return max(1, len(self._client.nthreads()))
 
     @cached_property

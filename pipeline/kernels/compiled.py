@@ -10,8 +10,7 @@ import numpy as np
 
 F = TypeVar("F", bound=Callable[..., object])
 
-_uncompiled = ContextVar("_uncompiled", default=False)
-"""Whether compiled functions that are called run as Python."""
+_uncompiled = ContextVar("_uncompiled", default=False)  # whether compiled functions that are called run as Python
 
 
 def compiled(function: F) -> F:

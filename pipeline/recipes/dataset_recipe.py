@@ -26,8 +26,7 @@ from pipeline.store.storage import Location
 from schemas.catalogue import ARTIFACTS
 from stages.registry import DATASET, load_stage
 
-MADE_BY = {artifact.stage: artifact for artifact in ARTIFACTS.values()}
-"""The artifact of each stage that makes one."""
+MADE_BY = {artifact.stage: artifact for artifact in ARTIFACTS.values()}  # the artifact of each stage that makes one
 
 
 def source_hash(source: Mapping[str, Any]) -> str:

@@ -24,8 +24,7 @@ from pipeline.store.atomic import refuse_links, write_atomically
 DESCRIBED: Mapping[str, Kind] = {"hand": "hand", "sensor": "sensor", "sensors": "sensor", "scene": "scene"}
 """Settings that name description files, and the kind of each."""
 
-MAX_TEXT = 2**16
-"""Bytes of a text file that a recipe holds; the hand file of the Allegro has 2 kB, its URDF 16 kB."""
+MAX_TEXT = 2**16  # bytes of a text file that a recipe holds; the hand file of the Allegro has 2 kB, its URDF 16 kB
 
 
 def own_names(settings: Mapping[str, Any]) -> Iterator[tuple[Kind, str]]:

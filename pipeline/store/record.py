@@ -32,8 +32,7 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199}$")]
 RelativePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199}(/[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199})*$")]
 """A file or folder below another one, never above it."""
 
-Text = Annotated[str, Field(pattern=f"^{CONTROLS.pattern.replace('[', '[^', 1)}*$")]
-"""A name that is shown to people."""
+Text = Annotated[str, Field(pattern=f"^{CONTROLS.pattern.replace('[', '[^', 1)}*$")]  # a name that is shown to people
 
 
 ObjectOption = Literal["--manifest", "--objects", "--units", "--up"]

@@ -26,8 +26,7 @@ from pipeline.store.layout import (
 from pipeline.store.storage import Location, check_file, on_disk, read_bytes
 from schemas.base import Array
 
-ABSENT = (2**64 - 1, 2**64 - 1)
-"""Offset and size of a missing chunk in the index of a file: Zarr reads the fill value."""
+ABSENT = (2**64 - 1, 2**64 - 1)  # offset and size of a missing chunk in the index of a file: Zarr reads the fill value
 
 CHECKSUM = len(with_checksum(b""))
 

@@ -16,9 +16,7 @@ from stages.evaluate.evaluation_files import SHIPPED_ROWS, SHIPPED_SCORES, Figur
 from stages.evaluate.scores import shipped_digest
 
 COMPARED = ("points", "tau", "scale", "rings")  # settings that figures in one table share
-MAY_DIFFER = ("training_seed", "configurations")
-"""Settings in which evaluations of several trainings may differ."""
-
+MAY_DIFFER = ("training_seed", "configurations")  # settings in which evaluations of several trainings may differ
 Trainings = dict[str, dict[int, Figures]]  # by configuration, the figures of each of its trainings, by seed
 
 

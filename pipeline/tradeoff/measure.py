@@ -33,8 +33,7 @@ from stages.registry import DATASET, GRASP_STAGES, TRADED, assignment, load_stag
 TOUCH_ALONE = ("train-gcn.configuration=touch", "evaluate.configurations=[touch]")
 """The network whose trade is measured: it needs no images."""
 LONGEST = 0.25  # share of the given time that one candidate may take; the paper's trainings take days
-FEWEST, MOST = 4, 32
-"""Number of objects in a sample: fewer do not show the spread, more add little information."""
+FEWEST, MOST = 4, 32  # number of objects in a sample: fewer do not show the spread, more add little information
 
 
 @dataclass(frozen=True)

@@ -16,12 +16,9 @@ from pipeline.kernels.metrics.retrieval import SearchedClouds, chamfer_matrix, n
 from stages.evaluate.evaluation_files import Figure, Figures
 from stages.evaluate.measure import MeasuredObjects
 
-POINTS = 1000
-"""Points per object that the search compares; the retrieved object is measured on all of its points."""
-BLOCK = 500
-"""Training objects that are in memory at a time, a tenth of a megabyte each, with their silhouettes."""
-CANDIDATES = 200
-"""Training objects, spread evenly, among which the typical one is chosen: each is compared with each."""
+POINTS = 1000  # points per object that the search compares; the retrieved object is measured on all of its points
+BLOCK = 500  # training objects that are in memory at a time, a tenth of a megabyte each, with their silhouettes
+CANDIDATES = 200  # training objects, spread evenly, among which the typical one is chosen: each is compared with each
 MASKS = 64  # test objects whose silhouettes are compared at a time
 BASELINE_PREFIX = "training object, "  # prefix of the name of each baseline
 LABELS = {

@@ -65,7 +65,6 @@ class GraspProtocol(Protocol):
             item.prepare(self, self.grasps)
 
     def cases(self, method: Method) -> list[Case]:
-        """List the cases of the dataset's grasps."""
         return method.cases(self.grasps, self.settings.grasps)
 
     def identity(self, object_id: str, case: Case) -> tuple[str | int, ...]:
@@ -221,7 +220,6 @@ class SingleImageProtocol(Protocol):
         self.views = min(self.settings.views, self.objects.size("rendering", "viewpoint"))
 
     def cases(self, method: Method) -> list[Case]:
-        """List the views."""
         return [Case(view, (), 1, (view,)) for view in range(self.views)]
 
     def identity(self, object_id: str, case: Case) -> tuple[str | int, ...]:
@@ -229,7 +227,6 @@ class SingleImageProtocol(Protocol):
         return object_id, case.first
 
     def figures(self, method: Method, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
-        """Measure the distances of a view."""
         figures = self.distance_figures(measured.distances, measured.object_id)
         yield from ((measured.case.first, metric, value) for metric, value in figures.items())
 

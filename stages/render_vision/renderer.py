@@ -46,8 +46,7 @@ class MeshHandle:
     bounds: Array  # (2, 3) m, of its corners in its own frame: least, greatest; infinite where it has none
 
 
-PosedMesh = tuple[MeshHandle, Array]
-"""A mesh that was added to a renderer, and its pose, (4, 4) to the world frame."""
+PosedMesh = tuple[MeshHandle, Array]  # a mesh that was added to a renderer, and its pose, (4, 4) to the world frame
 
 
 class NoOpenGL(RuntimeError):

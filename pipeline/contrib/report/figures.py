@@ -39,8 +39,7 @@ POINTS = 1500  # points of a cloud that are drawn at most
 OPENING = 0.03
 """m that the fingers are drawn back in the second step's picture: more than in physics, so that it is visible."""
 RADIUS = 0.15  # m, radius of the sphere of charts in its picture
-FILL = 0.8
-"""Share of a picture's side that an object takes up beside its reconstructions, which may be larger."""
+FILL = 0.8  # share of a picture's side that an object takes up beside its reconstructions, which may be larger
 GRID: Any = {"fill": (255, 255, 255), "padding_width": 4, "channel_axis": 3}  # white between tiles
 Image = NDArray[np.uint8]  # (rows, cols, 3)
 
