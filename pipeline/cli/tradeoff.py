@@ -1,7 +1,5 @@
 """`vt-pipeline tradeoff`, `advise` and `sweep`: measure settings, choose among them, and train over a grid of them."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import shlex
@@ -85,7 +83,7 @@ def tradeoff(
         print_warning("time is up:", f"{', '.join(unfinished)}: the same command measures the rest")
 
 
-def _show(trade: MeasuredTrade, data: Path) -> None:
+def _show(trade: "MeasuredTrade", data: Path) -> None:
     """Print a trade, and draw it beside its figures."""
     from pipeline.tradeoff.trade_pictures import draw_trade, trade_table
     from pipeline.tradeoff.trades import FOLDER

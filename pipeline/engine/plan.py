@@ -203,12 +203,13 @@ class Plan(ABC):
 
     def provenance(self) -> dict[str, Any]:
         """Return the fields that every record has; `location` is filled in on publishing."""
+        results = self.settings.results()
         return {
             "location": "unpublished",
             "stage": self.stage.name,
             "key": self.key,
-            "settings": self.settings.results(),
-            "speed_settings": self.settings.speed(),
+            "settings": results,
+            "speed_settings": self.settings.model_dump(mode="json", exclude=set(results)),
             "preset": self.request.preset,
             "seed": self.request.seed,
             "manifest": self.request.manifest,

@@ -17,7 +17,7 @@ from pipeline.store import digest
 from pipeline.store.layout import array_violations, numpy_dtype, schema_name
 from pipeline.store.record import RowRecord, ShardRecord, named_location
 from pipeline.store.rows import Row, row_digest
-from pipeline.store.storage import File, Location, exists, files_below, is_machine_fault, read_bytes
+from pipeline.store.storage import File, Location, exists, files_below, is_machine_fault, map_in_threads, read_bytes
 from pipeline.store.stored_array import StoredArray
 from schemas.base import COMMON, Artifact
 
@@ -115,9 +115,9 @@ class Shard:
 
     def described(self) -> dict[str, StoredArray]:
         """Parse the `zarr.json` of every array, of which the schema may have none."""
-        contents = {file: read_bytes(self.path / file) for file in self._files if file.endswith("/zarr.json")}
-        names = {file.removesuffix("/zarr.json"): text for file, text in contents.items() if json.loads(text)["node_type"] == "array"}
-        return {name: StoredArray.open(self.path / name, text) for name, text in names.items()}
+        names = [file.removesuffix("/zarr.json") for file in self._files if file.endswith("/zarr.json")]
+        contents = zip(names, map_in_threads(lambda name: read_bytes(self.path / name / "zarr.json"), names), strict=True)
+        return {name: StoredArray.open(self.path / name, text) for name, text in contents if json.loads(text)["node_type"] == "array"}
 
     def stored(self, name: str) -> StoredArray:
         """Find a stored array, by its path below the root.

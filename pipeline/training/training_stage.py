@@ -1,7 +1,5 @@
 """Stages that train networks; those that train one that reconstructs objects have all but its targets and its loss here."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -115,7 +113,7 @@ class ReconstructionTraining(Training):
         return before
 
 
-def remarks(settings: ReconstructionSettings, items: Items) -> Iterator[str]:
+def remarks(settings: ReconstructionSettings, items: "Items") -> Iterator[str]:
     """Report settings that differ from their defaults without effect on this network, and items that it is not designed for."""
     from pipeline.kernels.networks.image_encoder import ENCODER_PLANS
 
