@@ -1,5 +1,7 @@
 """The families of networks that reconstruct: one entry adds a family to models, evaluation, prediction and reports."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,14 +58,14 @@ def rows_of(network: str) -> list[str]:
     return [name for name, row in ROWS.items() if row.network == network and name != network] or [network]
 
 
-def row_of(trained: "Trained") -> str:
+def row_of(trained: Trained) -> str:
     """Name the row of a network with the inputs that it takes; a network that takes no choice of inputs is its own row."""
     takes = (trained.configuration, trained.network.image, trained.network.touch)
     rows = [name for name, row in ROWS.items() if (row.network, row.inputs.image, row.inputs.touch) == takes]
     return (rows or [trained.configuration])[0]
 
 
-def reconstructor_type(configuration: str) -> "type[Reconstructor]":
+def reconstructor_type(configuration: str) -> type[Reconstructor]:
     """Load what makes and uses a configuration's network; it needs torch, which the names of networks do not."""
     from pipeline.models.reconstruction import DeformationReconstructor, ImplicitReconstructor
 
@@ -91,12 +93,12 @@ def load_reconstructor(
     configuration: str,  # a key of `ROWS`
     folder: Path,  # written by its training
     device: torch.device | str = "cpu",
-) -> "Reconstructor":
+) -> Reconstructor:
     """Load the trained network of a configuration; raise a `StoreError` if the folder does not hold it."""
     return load_rows({configuration: folder}, device)[configuration]
 
 
-def load_rows(folders: Mapping[str, Path], device: torch.device | str = "cpu") -> "dict[str, Reconstructor]":
+def load_rows(folders: Mapping[str, Path], device: torch.device | str = "cpu") -> dict[str, Reconstructor]:
     """Load the networks of configurations, by name, as `load_reconstructor`; one that several rows share is read once."""
     loaded: dict[Path, Reconstructor] = {}
     for name, folder in folders.items():
