@@ -270,7 +270,6 @@ def _triangles(
     frames: Array,  # (L, 4, 4) links to root
     red: set[int],  # links
 ) -> tuple[Array, Array, Array]:  # (T, 3, 3) root frame, m; (T, 3) unit normals; (T, 3) colours
-    """Collect the triangles of all collision shapes."""
     triangles, colors = [np.empty((0, 3, 3))], [np.empty((0, 3))]
     for number, link in enumerate(hand.links):
         for shape in link.collisions:

@@ -178,7 +178,6 @@ def _sacct(jobs: Sequence[SubmittedJob]) -> dict[str, tuple[str, str]]:
 
 
 def _error_line(completed: subprocess.CompletedProcess[str]) -> str:
-    """Return the first line of a failed command's output."""
     return next(iter((completed.stderr or completed.stdout).splitlines()), f"status {completed.returncode}").rstrip(".")
 
 

@@ -181,7 +181,6 @@ class ObjectRows(UsableObjects):
         return np.stack(values).reshape(*sites, *np.shape(values[0]))
 
     def _difference(self, object_id: str, grasp: int | None) -> np.ndarray:
-        """Subtract each sensor's untouched image."""
         return np.asarray(self.read("tactile_image", object_id, grasp).astype(np.int16) - self.read("untouched", object_id))
 
 

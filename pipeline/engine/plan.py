@@ -168,7 +168,6 @@ class Plan(ABC):
             raise StoreError(f"{self.path} cannot be written: {why}, then run again: what is finished is kept") from error
 
     def _warn_of_low_disk_space(self) -> None:
-        """Warn where the disk has less room than the stage expects to write."""
         folder = on_disk(self.request.data)
         if folder is None or not self.total:
             return

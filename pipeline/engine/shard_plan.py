@@ -276,7 +276,6 @@ class ShardPlan(Plan):
             raise InvalidInput(f"{result.name}: {failure.reason} (--strict: stopped at the first failure)")
 
     def _publish(self, results: list[Result]) -> None:
-        """Publish results, one for each unit."""
         stage, artifact = self.stage, self.artifact
         rows = tuple(result.record(unit.category, unit.split, unit.inputs) for unit, result in zip(self.units, results, strict=True))
         constants = conform(artifact, self._labels(self.units[0].name) | stage.constants(self.settings), constants=True)

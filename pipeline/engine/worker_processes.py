@@ -44,7 +44,6 @@ class WorkerProcesses(Executor):
 
     @cached_property
     def _folder(self) -> Path:
-        """The folder for temporary files of workers."""
         return self._resources.enter_context(temporary_folder())
 
     def run(self, work: Work, units: Sequence[Unit]) -> Iterator[Result]:
@@ -90,7 +89,6 @@ class WorkerProcesses(Executor):
             self._end_busy()
 
     def _worker(self) -> "_Worker":
-        """Take an idle worker, or start one."""
         while self._idle:
             if (worker := self._idle.pop()).process.is_alive():
                 return worker
@@ -102,7 +100,6 @@ class WorkerProcesses(Executor):
             ) from error
 
     def _end_busy(self) -> None:
-        """End the workers that are in the middle of a unit."""
         for worker in self._busy:
             worker.kill()
         self._busy = []

@@ -266,7 +266,6 @@ def used_point(trade: MeasuredTrade, settings: Mapping[str, Any]) -> Point | Non
 
 
 def _failures(failures: Mapping[str, Failure]) -> Table:
-    """Count the failures by stage and reason."""
     rows = []
     for why, count in Counter(failures.values()).most_common():
         rows.append(Row([why.stage, why.reason, str(count), abbreviate([name for name, other in failures.items() if other == why])]))

@@ -125,7 +125,6 @@ class ObjectPages:
         number: int,  # of the grasp
         areas: NDArray[np.float64],  # (S,) of the contacts, m²
     ) -> dict[str, Any]:
-        """Collect the pictures and notes of a grasp."""
         images = camera_images(rows["vision"], number) if "vision" in rows else []
         touches = touches_of(rows, number, self.scenes.hand, self.sensors)
         return {
