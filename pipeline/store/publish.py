@@ -12,11 +12,11 @@ from pipeline.errors import StoreError
 from pipeline.store.atomic import move_folder, replace_version, version_of
 from pipeline.store.directory import DataDirectory, versioned
 from pipeline.store.garbage import collect, mark_replaced
-from pipeline.store.layout import OBJECTS_PER_FILE, array_metadata, encode_array, schema_name, schema_violations
+from pipeline.store.layout import OBJECTS_PER_FILE, array_metadata, encode_array, schema_name
 from pipeline.store.record import FolderRecord, Provenance, RowRecord, ShardRecord, named_location, serialise_with_checksum
 from pipeline.store.rows import Result, Row, RowFiles
 from pipeline.store.storage import Location, files_below, remove
-from pipeline.store.stored_array import StoredArray, encode_metadata, write_array, write_file, write_metadata
+from pipeline.store.stored_array import StoredArray, encode_metadata, schema_violations, write_array, write_file, write_metadata
 from pipeline.store.temporary import local_copy
 from schemas.base import COMMON, FIXED, Artifact
 

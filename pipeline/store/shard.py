@@ -14,11 +14,11 @@ import numpy as np
 
 from pipeline.errors import OtherVersion, StoreError, first_line
 from pipeline.store import digest
-from pipeline.store.layout import array_violations, numpy_dtype, schema_name
+from pipeline.store.layout import numpy_dtype, schema_name
 from pipeline.store.record import RowRecord, ShardRecord, named_location
 from pipeline.store.rows import Row, row_digest
 from pipeline.store.storage import File, Location, exists, files_below, is_machine_fault, map_in_threads, read_bytes
-from pipeline.store.stored_array import StoredArray
+from pipeline.store.stored_array import StoredArray, array_violations
 from schemas.base import COMMON, Artifact
 
 _CHUNK = re.compile(r"/c(/[0-9]+)*$")  # the end of a chunk's path, which follows that of its array

@@ -1,9 +1,9 @@
-"""Arrays in the files of a shard, written and read without Zarr: for one entry it takes 2 ms, most of it in threads and tasks."""
+"""Arrays in the files of a shard, checked, written and read without Zarr: for one entry it takes 2 ms, most of it in threads and tasks."""
 
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,11 +20,12 @@ from pipeline.store.layout import (
     encode_array,
     encode_chunk,
     numpy_dtype,
+    schema_name,
     with_checksum,
     without_checksum,
 )
 from pipeline.store.storage import Location, check_file, on_disk, read_bytes
-from schemas.base import Array
+from schemas.base import FIXED, Array, Artifact
 
 ABSENT = (2**64 - 1, 2**64 - 1)  # offset and size of a missing chunk in the index of a file: Zarr reads the fill value
 
@@ -82,6 +83,36 @@ class StoredArray:
             opened.seek(-size, os.SEEK_END)
             index = np.frombuffer(without_checksum(opened.read()), "<u8").reshape(-1, count, 2)
             return [os.pread(opened.fileno(), length, offset) for offset, length in index[row].tolist()]
+
+
+def schema_violations(artifact: Artifact, arrays: Mapping[str, StoredArray]) -> Iterator[str]:
+    """List the violations of a schema by a group's arrays, given by path, one line each with array and reason."""
+    for name, array in artifact.arrays.items():
+        if name not in arrays and not array.optional:
+            yield f"{name}: the array is missing"
+    sizes: dict[str, tuple[int, str]] = {}
+    for path, stored in arrays.items():
+        declaration = artifact.of(schema_name(path))
+        if declaration is None:
+            yield f"{path}: the schema has no such array"
+            continue
+        violations = list(array_violations(path, declaration, stored))
+        yield from violations
+        for dim, size in zip(declaration.dims, stored.shape, strict=True) if not violations and "/" not in path else ():
+            if sizes.setdefault(dim, (size, path))[0] != size:
+                yield f"{path}: dimension {dim} has size {size}, but {sizes[dim][0]} in {sizes[dim][1]}"
+
+
+def array_violations(path: str, declaration: Array, stored: StoredArray) -> Iterator[str]:
+    """List the violations of a declaration by a stored array, one line each."""
+    if stored.data_type != declaration.dtype:
+        yield f"{path}: dtype is {stored.data_type}, the schema says {declaration.dtype}"
+    if stored.dimension_names != declaration.dims or len(stored.shape) != len(declaration.dims):
+        yield f"{path}: dimensions are {stored.dimension_names} of {stored.shape}, the schema says {declaration.dims}"
+        return
+    for dim, size in zip(declaration.dims, stored.shape, strict=True):
+        if size != FIXED.get(dim, size):
+            yield f"{path}: dimension {dim} has size {size}, the schema says {FIXED[dim]}"
 
 
 def write_file(folder: Path, array: Array, shape: tuple[int, ...], parts: Sequence[list[bytes] | None]) -> None:

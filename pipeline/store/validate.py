@@ -10,11 +10,11 @@ from pipeline.store import digest
 from pipeline.store.digest import files_of
 from pipeline.store.directory import DataDirectory, made_by, record_of
 from pipeline.store.garbage import all_unreferenced
-from pipeline.store.layout import schema_violations
 from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.rows import are_valid
 from pipeline.store.shard import RowView, Shard
 from pipeline.store.storage import Location, exists
+from pipeline.store.stored_array import schema_violations
 from schemas.base import COMMON
 from schemas.catalogue import ARTIFACTS
 
