@@ -48,8 +48,7 @@ def zoomed(
 ) -> Camera:
     """Give a camera the focal length at which points fill its image."""
     reach = np.abs(project_points(projection_matrix(camera), points) - np.array(camera.centre)).max()
-    zoom = fill * camera.resolution / 2 / float(reach)
-    return camera.model_copy(update={"focal": (camera.focal[0] * zoom, camera.focal[1] * zoom)})
+    return camera.zoomed(fill * camera.resolution / 2 / float(reach))
 
 
 def cameras_around(
