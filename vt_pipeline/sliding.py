@@ -28,8 +28,7 @@ from pipeline.kernels.touch.tactile_image import render_gel
 from vt_pipeline.objects import Source, TouchObject, as_object
 from vt_pipeline.touching import Touch, as_poses, as_rng, as_sensor
 
-DOT_RADIUS = 3e-4
-"""m, of dots whose sensor has no `markers`."""
+DOT_RADIUS = 3e-4  # m, of dots whose sensor has no `markers`
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-Stamps = dict[str, list[int]]
-"""Times, number and size of files, by their paths."""
+Stamps = dict[str, list[int]]  # times, number and size of files, by their paths
 
 
 class FileCache:

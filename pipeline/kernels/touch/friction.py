@@ -13,7 +13,7 @@ from pipeline.kernels.arrays import Array, Array32, Floats, Mask
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.transforms import invert_pose
 from pipeline.kernels.touch.depth_maps import gel_surface
-from pipeline.kernels.touch.elastic_contact import Layer, PressedGel, cell_means, contact_cells, refine
+from pipeline.kernels.touch.elastic_contact import PressedGel, cell_means, contact_cells, refine
 from pipeline.kernels.touch.sensor import Gel, Sensor, pixel_centres
 from pipeline.kernels.touch.shear_layer import ShearConvolution, shear_displacement, shear_stiffness
 
@@ -86,7 +86,7 @@ def drag_gel(
         )
     if not contact.any():
         return gel_at_rest(sensor)
-    layer, window, stuck = Layer(pitch, sensor.gel.poisson, thickness), _window(contact), before.anchor + along
+    layer, window, stuck = (pitch, sensor.gel.poisson, thickness), _window(contact), before.anchor + along
     friction = friction if friction >= FRICTIONLESS else 0.0
     bound = friction * pressure[window[1:]]
     traction, settled, local = np.zeros_like(stuck), True, shear_displacement(bound.shape, contact.shape, layer)

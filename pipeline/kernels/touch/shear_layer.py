@@ -139,13 +139,14 @@ def shear_displacement(window: tuple[int, int], grid: tuple[int, int], layer: La
 @lru_cache(maxsize=16)
 def shear_stiffness(window: tuple[int, int], layer: Layer) -> ShearConvolution:
     """Compute an approximate inverse of `shear_displacement`: periodic, with a margin between the rims; size: the mean of a diagonal."""
+    pitch, poisson, thickness = layer
     padded = (scipy.fft.next_fast_len(window[0] + MARGIN, real=True), scipy.fft.next_fast_len(window[1] + MARGIN, real=True))
-    y, x = (2 * np.pi * scipy.fft.fftfreq(count, size) for count, size in zip(padded, layer.pitch, strict=True))
+    y, x = (2 * np.pi * scipy.fft.fftfreq(count, size) for count, size in zip(padded, pitch, strict=True))
     y, x = np.broadcast_arrays(y[:, None], np.abs(x[None, : padded[1] // 2 + 1]))
     wave = np.hypot(x, y)
-    wave[0, 0] = np.pi / max(count * size for count, size in zip(window, layer.pitch, strict=True))
+    wave[0, 0] = np.pi / max(count * size for count, size in zip(window, pitch, strict=True))
     knots = WAVES * np.linspace(1e-3, 1, 200) ** 3  # a table is exact enough, and faster
-    along, across = (wave / (2 * np.interp(wave * layer.thickness, knots, factor)) for factor in wave_factors(knots, layer.poisson)[:2])
+    along, across = (wave / (2 * np.interp(wave * thickness, knots, factor)) for factor in wave_factors(knots, poisson)[:2])
     matrices = np.stack([along * x**2 + across * y**2, along * y**2 + across * x**2, (along - across) * x * y]) / wave**2
     matrices[:2, 0, 0] = across[0, 0]  # the mean has no direction
     return ShearConvolution(padded, matrices.astype(np.float32), np.zeros((), np.complex64), np.float32(matrices[:2].mean()))

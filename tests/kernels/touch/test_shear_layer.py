@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from pipeline.kernels.touch.elastic_contact import Layer
 from pipeline.kernels.touch.shear_layer import MIRRORED, shear_displacement, shear_influence, shear_stiffness, wave_factors
 from tests.references.slow_friction import slow_wave_factors
 
@@ -56,7 +55,7 @@ def test_far_cells_of_a_half_space_move_as_by_a_point_force():
 
 
 def test_convolution_sums_the_influences_and_the_stiffness_nearly_undoes_it(rng):
-    layer = Layer((2e-4, 1e-4), 0.3, 0.002)
+    layer = (2e-4, 1e-4), 0.3, 0.002
     traction, pressure = rng.normal(size=(2, 6, 9)), rng.random((6, 9))
     xx, yy, xy, xp, yp = shear_influence((20, 20), *layer)
     expected = np.zeros((2, 6, 9))
