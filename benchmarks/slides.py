@@ -1,6 +1,7 @@
 """Measure the steps of a slide: friction alone, and the whole step with depth, pressure and tactile image."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,8 +10,7 @@ import trimesh
 
 import vt_pipeline as vt
 from benchmarks.timing import Table, over_items, quantiles, side_by_side
-from pipeline.kernels.touch.depth_maps import PressedGel
-from pipeline.kernels.touch.elastic_contact import contact_cells
+from pipeline.kernels.touch.elastic_contact import PressedGel, contact_cells
 from pipeline.kernels.touch.friction import FrictionState, drag_gel, object_motion
 from pipeline.kernels.touch.sensor import Gel, Sensor
 
@@ -76,6 +76,6 @@ def _path(sensor: Sensor, radius: float, depth: float) -> np.ndarray:
 
 def _steps(ball: vt.TouchObject, sensor: Sensor, poses: np.ndarray) -> Iterator[Step]:
     touches = list(vt.slide(ball, sensor, poses, friction=FRICTION))
-    for before, now in zip(touches, touches[1:], strict=False):
+    for before, now in pairwise(touches):
         motion = object_motion(now.depth, before.pose, now.pose, sensor)
         yield Step(before, now.pose, now.gel, motion, before.state)
