@@ -35,9 +35,10 @@ def run(monkeypatch, capsys):
     return run_example
 
 
-@pytest.mark.parametrize(
-    "name", ["read_with_torch", "read_with_xarray", "slide", "touch_in_pybullet", "touch_one_mesh", "train_one_network"]
-)
+NAMES = "read_with_torch", "read_with_xarray", "slide", "touch_in_pybullet", "touch_one_mesh", "train_one_network"
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_help_names_the_arguments(name, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", [name, "--help"])
     with pytest.raises(SystemExit, match="0"):

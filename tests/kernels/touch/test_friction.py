@@ -6,12 +6,13 @@ Poisson's ratio of a half in a half-space; there, `no_pull` does so too.
 
 import numpy as np
 import pytest
+from scipy.signal import fftconvolve
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch import friction
 from pipeline.kernels.touch.depth_maps import normal_force, press_gel
-from pipeline.kernels.touch.elastic_contact import PressedGel, cell_means, contact_cells
+from pipeline.kernels.touch.elastic_contact import PressedGel, cell_means, contact_cells, press_elastic
 from pipeline.kernels.touch.friction import (
     FrictionState,
     drag_gel,
@@ -23,7 +24,7 @@ from pipeline.kernels.touch.friction import (
 )
 from pipeline.kernels.touch.press_shapes import PressRanges, random_press
 from pipeline.kernels.touch.sensor import Gel, Sensor, pixel_centres
-from pipeline.kernels.touch.shear_layer import shear_displacement
+from pipeline.kernels.touch.shear_layer import MIRRORED, shear_displacement, shear_influence
 from tests.kernels.touch.shapes import frame
 from tests.references.slow_friction import slow_drag
 
@@ -226,6 +227,30 @@ def test_gel_that_is_let_go_returns_to_rest():
     assert not any(array.any() for array in gone[:5])
     again = drag_gel(hertz(worn), shift(gone, 5e-5), gone, worn, FRICTION)
     np.testing.assert_array_equal(again.traction, first.traction)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("ratio", "poisson", "share"), [(0.7, 0.3, 0.01), (0.7, 0.5, 0.02), (1.5, 0.48, 0.1), (1.5, 0.5, 0.18)])
+def test_normal_force_errs_by_what_traction_lifts_the_surface(ratio, poisson, share):
+    """Press a ball until its contact's radius is a ratio of the thickness, with the pressure iterated for the traction, and without."""
+    worn = sensor(64, 64, poisson, RADIUS / ratio)
+    x, y = pixel_centres(worn)
+    offset, quarters = np.arange(1 - 64, 64), shear_influence((64, 64), worn.pitch, poisson, worn.layer_thickness)
+    pull = [
+        np.where(offset < 0, along_y, 1)[:, None] * np.where(offset < 0, along_x, 1) * quarter[np.ix_(abs(offset), abs(offset))]
+        for quarter, (along_y, along_x) in zip(quarters[3:], MIRRORED[3:], strict=True)
+    ]
+    depth = 1e-4
+    for _ in range(8):  # the area grows as the depth
+        below = depth - (x[None] ** 2 + y[:, None] ** 2) / 0.02
+        alone = press_elastic(np.maximum(below, 0), worn, worn.gel)
+        depth *= np.pi * RADIUS**2 / (alone.contact.sum() * np.prod(worn.pitch))
+    state, lifted = gel_at_rest(worn), 0.0
+    for growth in (0.25, 0.5, 0.75, 1, 1, 1):
+        pressed = press_elastic(np.maximum(below + (growth - 1) * below.max() + lifted, 0), worn, worn.gel)
+        state = drag_gel(pressed, shift(state, 0), state, worn, FRICTION)
+        lifted = sum(fftconvolve(kernel, part, "valid") for kernel, part in zip(pull, state.traction, strict=True)) * (1 - poisson**2) / E
+    assert pressed.pressure.sum() / alone.pressure.sum() - 1 == pytest.approx(share, abs=0.3 * share + 0.003)
 
 
 def test_finer_steps_change_little():
