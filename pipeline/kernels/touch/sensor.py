@@ -137,7 +137,12 @@ class Gel(Entries):
     thickness: Annotated[Length | None, Field(description="of the elastic layer, m; by default w")] = None
     friction: Annotated[
         float | None,
-        Field(ge=0, le=MAX_FRICTION, exclude_if=lambda friction: friction is None, description="coefficient of friction between the gel and what slides on it; no default"),
+        Field(
+            ge=0,
+            le=MAX_FRICTION,
+            exclude_if=lambda friction: friction is None,
+            description="coefficient of friction with what slides on it",
+        ),
     ] = None
 
 
