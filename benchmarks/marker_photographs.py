@@ -46,9 +46,13 @@ def main() -> None:
         pushed, ours = friction_errors(dots, moved, radius)
         for name, errors in (("friction", ours), ("Gaussian", gaussian_errors(dots, moved))):
             parts = (errors, errors[outside], errors[~outside])
-            slide = f"{np.hypot(*pushed):.2f}" if name == "friction" else "–"
-            rows.append([f"{name}, contact of {radius} px", *(f"{np.sqrt(np.mean(part**2)):.2f}" for part in parts), slide])
-    print("\n".join(markdown(["rms per component, px", "all dots", "outside the contact", "inside", "pushed by, mm"], rows)))
+            fitted = (f"{np.hypot(*pushed[:2]):.2f}", f"{np.hypot(*pushed[2:]):.1f}") if name == "friction" else ("–", "–")
+            rows.append([f"{name}, contact of {radius} px", *(f"{np.sqrt(np.mean(part**2)):.2f}" for part in parts), *fitted])
+    print(
+        "\n".join(
+            markdown(["rms per component, px", "all dots", "outside the contact", "inside", "pushed by, mm", "even motion, px"], rows)
+        )
+    )
 
 
 def find_dots(image: NDArray[np.uint8]) -> NDArray[np.float64]:  # (N, 2) columns and rows
@@ -71,7 +75,7 @@ def match_dots(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.nd
     return before[found], after[nearest[found]] - before[found]
 
 
-def friction_errors(dots: np.ndarray, moved: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:  # (2,) mm; (N, 2) px
+def friction_errors(dots: np.ndarray, moved: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:  # (4,) mm, mm, px, px; (N, 2) px
     """Fit how far a ball is pushed over the gel, and an even motion; return the former and the errors."""
     gel = Gel(modulus=2e5, poisson=POISSON, thickness=THICKNESS)
     size = {"width": 320 / PIXELS_PER_METRE, "given_height": 240 / PIXELS_PER_METRE, "w": THICKNESS, "membrane": 0.0, "gel": gel}
@@ -96,7 +100,7 @@ def friction_errors(dots: np.ndarray, moved: np.ndarray, radius: float) -> tuple
         return (dot_displacement(positions, displacement, sensor.pitch) * PIXELS_PER_METRE + values[2:] - moved).ravel()
 
     found = optimize.least_squares(errors, [0, 0.5, 0, 2.5], diff_step=1e-2, x_scale=[0.1, 0.1, 1, 1], max_nfev=12)
-    return found.x[:2], found.fun.reshape(-1, 2)
+    return found.x, found.fun.reshape(-1, 2)
 
 
 def gaussian_errors(dots: np.ndarray, moved: np.ndarray) -> np.ndarray:  # (N, 2) px
