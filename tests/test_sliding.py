@@ -125,6 +125,10 @@ def test_markers_move_with_the_gel_and_are_drawn_where_they_are():
             {"poses": path(along=(0.05, 0))},
             r"poses\[6\]: the object moves by 0\.00833 m .* thickness, 0\.004 m: put poses between",
         ),
+        (
+            {"sensor": SENSOR.model_copy(update={"gel": Gel(modulus=2e5, thickness=1e-4)})},
+            r"is 0\.0001 m thick, its contact is solved on cells",
+        ),
         ({"poses": np.full((3, 4, 4), np.nan)}, r"poses\[0\] is not a rigid motion"),
         ({"poses": 2 * path()}, r"poses\[0\] is not a rigid motion"),
         ({"after": last(path(), SENSOR.model_copy(update={"rows": 24, "cols": 32}))}, "the step to go on from is of Sensor"),
@@ -160,5 +164,7 @@ def test_dots_that_cannot_be_moved_are_refused(dots, error, message):
 def test_markers_need_a_step_of_a_slide_and_friction_a_number():
     with pytest.raises(TypeError, match="markers are moved by a step of slide; this is Touch"):
         vt.markers(vt.touch(BALL, SENSOR, path()[-1]), [(0, 0)])
+    with pytest.raises(TypeError, match="after is a step of slide; this is Touch"):
+        vt.slide(BALL, SENSOR, path(), friction=FRICTION, after=vt.touch(BALL, SENSOR, path()[-1]))
     with pytest.raises(TypeError, match="friction is a number; this is str"):
         vt.slide(BALL, SENSOR, path(), friction="high")

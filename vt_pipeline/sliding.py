@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.depth_maps import press_gel
+from pipeline.kernels.touch.elastic_contact import check_layer
 from pipeline.kernels.touch.friction import (
     FrictionState,
     drag_gel,
@@ -39,13 +40,10 @@ class SlidingTouch(Touch):
 
     Attributes
     ----------
-    friction
-        Coefficient between gel and object.
     state
         The gel's `FrictionState`, from which the next step starts.
     """
 
-    friction: float
     state: FrictionState
 
     @property
@@ -139,7 +137,10 @@ def slide(
     >>> forces = [touch.shear_force for touch in slide("mug.glb", "gelsight_mini", path, friction=0.6)]
     """
     object_, sensor, rng = as_object(object_), as_sensor(sensor), as_rng(rng)
+    check_layer(sensor)
     checked, coefficient = as_poses("poses", poses, several=True), _friction(friction, sensor)
+    if not isinstance(after, SlidingTouch | None):
+        raise TypeError(f"after is a step of slide; this is {type(after).__name__}")
     if after is not None and after.sensor != sensor:
         raise InvalidInput(f"the step to go on from is of {after.sensor}, this is {sensor}: give both the same sensor")
     steps = _steps(object_, sensor, checked, coefficient, after, rng)
@@ -169,7 +170,7 @@ def _steps(
         except InvalidInput as error:
             raise InvalidInput(f"poses[{number}]: {error}") from error
         before = pose
-        touched = SlidingTouch(sensor, pose, depth, render_gel(gel.indentation, sensor, rng), friction, state)
+        touched = SlidingTouch(sensor, pose, depth, render_gel(gel.indentation, sensor, rng), state)
         vars(touched)["gel"] = gel  # the cached property: it is known already
         yield touched
 
