@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from importlib.util import cache_from_source
 from itertools import chain
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +14,7 @@ from pydantic import AfterValidator, Field, model_validator
 from pipeline.entries import Entries
 from pipeline.errors import InvalidInput, missing_name
 from pipeline.formats.description_file import description_path, read_description, shipped_files
-from pipeline.formats.file_cache import Stamps, stamps_of
+from pipeline.formats.file_cache import FileCache, Stamps, stamps_of
 from pipeline.formats.file_content import expanded
 from pipeline.formats.hand_joints import JointRoles, joint_roles, moved_links
 from pipeline.formats.urdf import read_urdf
@@ -28,6 +29,9 @@ Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Direction = Annotated[Vector, AfterValidator(lambda vector: _not_zero(vector))]
 Label = Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{1,60}$")]  # a name of an array's entry, and of exported files
+KEPT = Path(cache_from_source(__file__)).with_name("hands.pickle")
+CODE = sorted(file for layer in ("formats", "kernels") for file in Path(__file__).parents[1].joinpath(layer).rglob("*.py"))
+"""The modules that what is kept of hands depends on."""
 MAX_SKEW = 1e-2
 """Cosine of the angle between a sensor's normal and columns from which it is no rounding: directions of three digits are read."""
 
@@ -145,13 +149,22 @@ def _unit(vector: Vector) -> Array:
 def load_hand(
     name: str | Path,  # of a shipped hand (`allegro_right`), or the path of a hand file
 ) -> Hand:
-    """Read a hand with its URDF and meshes; heavy collision meshes become convex shapes (`with_convex_shapes`)."""
+    """Read a hand with its URDF and meshes; heavy collision meshes become convex shapes (`with_convex_shapes`).
+
+    It is kept between runs, until anything is written beside its files, unless a mesh names a file that is missing and may appear.
+    """
     path = description_path("hand", name).resolve()
     if path in _cached:
         stamps, hand = _cached[path]
         if stamps and stamps == stamps_of(hand.files):
             return hand
-    hand = _read(path)
+    kept = FileCache(KEPT, CODE, limit=10)
+    hand = kept.find(str(path))
+    if hand is None:
+        hand = _read(path)
+        if not any(shape.mesh.unread for link in hand.links for shape in (*link.visuals, *link.collisions)):
+            kept.keep(str(path), hand, {place for file in hand.files for place in (file, file.parent)})
+            kept.save()
     _cached.clear()
     _cached[path] = stamps_of(hand.files), hand
     return hand
