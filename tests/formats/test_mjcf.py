@@ -1,6 +1,5 @@
 """MJCF hands: links move as MuJoCo moves bodies, shapes lie where its geoms lie, and what cannot be read is named."""
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,9 +9,7 @@ import PIL.Image
 import pytest
 import trimesh
 
-from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
-from pipeline.formats.mjcf import parse_mjcf, read_mjcf
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
