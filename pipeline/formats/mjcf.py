@@ -15,9 +15,9 @@ from pipeline.errors import InvalidInput, missing_name
 from pipeline.formats.mesh_parts import MAX_FACES
 from pipeline.formats.mesh_reader import read_within_limits
 from pipeline.formats.mjcf_couplings import Couplings
-from pipeline.formats.mjcf_files import compile_spec, kind_of, read_spec
+from pipeline.formats.mjcf_files import compile_spec, import_mujoco, kind_of, read_spec
 from pipeline.formats.urdf import MAX_PARTS, refuse_namesakes
-from pipeline.formats.urdf_shapes import PRIMITIVES, check_unit
+from pipeline.formats.urdf_shapes import MAX_TURN, PRIMITIVES, check_unit
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.geometry.transforms import compose, length, rotation_from_euler, transform_points
@@ -63,6 +63,10 @@ def parse_mjcf(path: Path, root: str) -> HandModel:
     parts = sum(int(model.body_jntnum[body] + model.body_geomnum[body]) + 1 for body in bodies)
     if parts > MAX_PARTS:
         raise InvalidInput(f"it has {parts} bodies, joints and geoms, {MAX_PARTS} are the most")
+    hinges = model.jnt_type == int(import_mujoco().mjtJoint.mjJNT_HINGE)
+    turns = model.jnt_range[hinges & (model.jnt_limited > 0) & np.isin(model.jnt_bodyid, bodies[1:])]
+    if spec.compiler.degree and 0 < np.abs(turns).max(initial=0.0) < np.radians(MAX_TURN):
+        raise InvalidInput('all joints turn by less than 6.3°; are angles in radians? Then write <compiler angle="radian"/>')
     couplings = Couplings(model, frozenset(bodies))
     reader = _Reader(model, couplings)
     for body in bodies:

@@ -78,9 +78,8 @@ class Couplings:
             if not one or (ends[1] >= 0 and not other):
                 raise InvalidInput(f"{equality.name} ties a spatial tendon; tie joints, or tendons of the kind <fixed>")
             if other and any(curve):
-                raise InvalidInput(
-                    f'{equality.name} ties joints by a curve; only lines are read: write `polycoef="{constant:g} {slope:g} 0 0 0"`'
-                )
+                line = f'polycoef="{constant:g} {slope:g} 0 0 0"'
+                raise InvalidInput(f"{equality.name} ties joints by a curve; only lines are read: write {line}")
             terms = {joint: one.get(joint, 0.0) - slope * other.get(joint, 0.0) for joint in {**one, **other}}
             self._tie(equality.name, terms, constant, [*one] if kind == "joint" else [])
             return ends if kind == "tendon" else []
