@@ -127,6 +127,12 @@ class _Reader:
             raise InvalidInput(f"joint {joint.name} slides without a limit; give it a range")
         lower, upper = joint.range.tolist() if joint.limited else (0.0, 0.0)
         check_unit(f"joint {joint.name} has limits", (lower, upper), slides=kind == "prismatic")
+        low, high = np.clip(self._couplings.reach.get(joint.id, (lower, upper)), lower, upper).tolist()
+        if joint.limited and low < high and (low, high) != (lower, upper):
+            self._couplings.notes.append(
+                f"joint {joint.name} has limits {lower:.4g} … {upper:.4g}, its actuator {low:.4g} … {high:.4g}: they count"
+            )
+            lower, upper = low, high
         pose, rpy = _rounded(origin)
         damping, friction = joint.damping.item(), joint.frictionloss.item()
         return Joint(joint.name, kind, parent, len(self.links), pose, axis, lower, upper, mimic, rpy, damping, friction)

@@ -27,6 +27,7 @@ class Couplings:
         self.notes: list[str] = []  # what is ignored, or taken otherwise
         self._forces: Terms = {}  # of joints that actuators move, N m (N)
         self._driven: set[int] = set()  # joints with actuators of their own
+        self.reach: dict[int, tuple[float, float]] = {}  # values between which such an actuator can hold its joint, rad (m)
         self._tendons = [self._tendon_terms(tendon) for tendon in range(model.ntendon)]
         pulled = [tendon for actuator in range(model.nu) for tendon in self._add_actuator(model.actuator(actuator))]
         tied = [tendon for number in range(model.neq) for tendon in self._add_equality(model.equality(number))]
@@ -57,6 +58,9 @@ class Couplings:
             force = abs(actuator.forcerange).max()
         elif actuator.ctrllimited and kind_of("mjtBias", actuator.biastype) == "none":
             force = abs(actuator.gainprm[0] * actuator.ctrlrange).max()
+        if kind == "joint" and actuator.ctrllimited and actuator.biasprm[1] < 0 and actuator.gear[0]:  # to a position
+            ends = (actuator.gainprm[0] * actuator.ctrlrange + actuator.biasprm[0]) / -actuator.biasprm[1] / actuator.gear[0]
+            self.reach[target] = min(ends), max(ends)
         terms = {target: 1.0} if kind in ("joint", "jointinparent") else self._tendons[target] if kind == "tendon" else {}
         self._driven |= set(terms) if kind != "tendon" else set()
         for joint, coefficient in terms.items():
