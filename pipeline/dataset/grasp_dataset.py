@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 import torch
 from torch.utils.data import Dataset
 
@@ -40,10 +39,6 @@ class GraspDataset(Dataset[Item]):
     def __getitem__(self, index: int) -> Item:
         object_id, grasp = self.items[index]
         numbers = {name: grasp if name in self._of_grasps else None for name in self.arrays}
-        arrays = {name: _tensor(self.rows.read(name, object_id, number)) for name, number in numbers.items()}
-        return {"object_id": object_id, "grasp": grasp} | arrays
-
-
-def _tensor(value: np.ndarray) -> torch.Tensor | str:
-    """Copy an array into a tensor; return the string itself if it holds one."""
-    return str(value) if value.dtype.kind in "OUT" else torch.from_numpy(value.copy())
+        arrays = {name: self.rows.read(name, object_id, number) for name, number in numbers.items()}
+        items = {name: str(value) if value.dtype.kind in "OUT" else torch.from_numpy(value.copy()) for name, value in arrays.items()}
+        return {"object_id": object_id, "grasp": grasp, **items}

@@ -7,10 +7,8 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-MAX_BYTES = 20_000_000
-"""Largest value that is kept: reading it takes 10 ms."""
-Stamps = dict[str, list[int]]
-"""Times, number and size of files, by their paths."""
+MAX_BYTES = 20_000_000  # of a value that is kept: reading it takes 10 ms
+Stamps = dict[str, list[int]]  # times, number and size of files, by their paths
 
 
 class FileCache:

@@ -65,7 +65,7 @@ class GraspedObjects(CompletedObjects):
     @property
     def summary(self) -> str:
         """The number of grasps."""
-        return pluralise(len(self.object_ids) * self.collections["grasps"].first.array("hand_pose").shape[1], "grasp")
+        return pluralise(len(self.object_ids) * self.collections["grasps"].first.stored("hand_pose").shape[1], "grasp")
 
     def __iter__(self) -> Iterator[GraspedObject]:
         for name in with_progress(self.object_ids, "export"):

@@ -18,9 +18,10 @@ from pipeline.kernels.touch.sensor import Gel, Sensor
 
 MAX_CELLS = 160  # along the longer side of an image, on which contact is solved; with more pixels, several share a cell
 TOLERANCE = 1e-4  # root mean square of the gap in the contact over the deepest impression; the force errs by as much
-PEAK = 4  # largest gap, in tolerances; around the contact it is one
+PEAK = 4  # largest gap in the contact, in tolerances; around the contact, where the object comes through, it is one
 MAX_STEPS = 300  # seven times the most that any of 2800 random presses into random gels has needed
 MARGIN = 2  # cells between the opposite rims of a window in `_stiffness`
+Layer = tuple[tuple[float, float], float, float]  # an elastic layer: size of a cell along y and x, m; Poisson's ratio; thickness, m
 FIRST_LENGTH = 0.6  # of a step; stiffness times displacement is from 0.9 to 2, except in very thin layers
 
 
@@ -45,7 +46,7 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> PressedGel:
     if not deepest > 0:
         return PressedGel(np.zeros(sensor.shape), np.zeros(sensor.shape, bool), np.zeros(sensor.shape))
     check_layer(sensor)
-    layer = _Layer(pitch, gel.poisson, sensor.layer_thickness)
+    layer = pitch, gel.poisson, sensor.layer_thickness
     window = tuple(slice(at[0], at[-1] + 1) for at in (np.flatnonzero(coarse.any(axis=axis)) for axis in (1, 0)))
     share = (coarse[window] / deepest).astype(np.float32)
     window_pressure, indentation = _solve(share, _displacement(share.shape, coarse.shape, layer), _stiffness(share.shape, layer))
@@ -89,14 +90,6 @@ def _cell_means(pressed: Array, factor: int) -> Array:
     return means / factor**2
 
 
-class _Layer(NamedTuple):
-    """An elastic layer on a grid."""
-
-    pitch: tuple[float, float]  # size of a cell along y and x, m
-    poisson: float
-    thickness: float  # m
-
-
 class _Convolution(NamedTuple):
     """A convolution in single precision by a kernel that is symmetric along both axes: `convolution(array)`, both (rows, cols)."""
 
@@ -113,7 +106,7 @@ class _Convolution(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def _displacement(window: tuple[int, int], grid: tuple[int, int], layer: _Layer) -> _Convolution:
+def _displacement(window: tuple[int, int], grid: tuple[int, int], layer: Layer) -> _Convolution:
     """Compute the displacements of a pressure in a window of a grid, without wrapping around."""
     rows, cols = (scipy.fft.next_fast_len(count, real=True) for count in window)
     kernel = np.zeros((rows + 1, cols + 1), np.float32)
@@ -123,14 +116,15 @@ def _displacement(window: tuple[int, int], grid: tuple[int, int], layer: _Layer)
 
 
 @lru_cache(maxsize=8)
-def _stiffness(window: tuple[int, int], layer: _Layer) -> _Convolution:
+def _stiffness(window: tuple[int, int], layer: Layer) -> _Convolution:
     """Compute the approximate inverse of `_displacement`, which preconditions the solver: periodic, with a margin between the rims."""
+    pitch, poisson, thickness = layer
     padded = tuple(scipy.fft.next_fast_len(count + MARGIN, real=True) for count in window)
-    waves = [2 * np.pi * scipy.fft.fftfreq(count, size) for count, size in zip(padded, layer.pitch, strict=True)]
+    waves = [2 * np.pi * scipy.fft.fftfreq(count, size) for count, size in zip(padded, pitch, strict=True)]
     wave = np.sqrt(np.square(waves[0])[:, None] + np.square(waves[1])[None, : padded[1] // 2 + 1])
-    wave[0, 0] = np.pi / max(count * size for count, size in zip(window, layer.pitch, strict=True))  # a single contact is not infinite
+    wave[0, 0] = np.pi / max(count * size for count, size in zip(window, pitch, strict=True))  # a single contact is not infinite
     knots = WAVES * np.linspace(0, 1, 200) ** 3  # a table is exact enough, and faster
-    factor = np.interp(wave * layer.thickness, knots, layer_factor(knots, layer.poisson))
+    factor = np.interp(wave * thickness, knots, layer_factor(knots, poisson))
     return _Convolution(padded, (wave / (2 * factor)).astype(np.float32))
 
 
@@ -154,12 +148,11 @@ def _solve(pressed: Array32, displacement: _Convolution, stiffness: _Convolution
 
 @compiled
 def _look(height: Array32, pressed: Array32, pressure: Array32, change: Array32, gap: Array32) -> tuple[float, float, float, float]:
-    """Update the gap in the contact, 0 outside, from the surface's height over the object.
+    """Set the gap in the contact, 0 outside, to the surface's height over the object.
 
-    Return its root mean square, how far the object comes through around it or the gap's `PEAK`th, and two products.
-
-    These products of the last change of pressure are those with the gap before, negative, and with the change of the gap. Sums are taken by
-    columns, in short loops: so the compiler vectorises them.
+    Return the gap's root mean square; the largest of the depths by which the object comes through the surface and of the gap's `PEAK`th
+    part; and two products of the last change of pressure: with the gap before, negated, and with the change of the gap. Sums are taken by
+    columns, in short loops, which the compiler vectorises.
     """
     rows, cols = pressed.shape
     zero, one, share = np.float32(0), np.float32(1), np.float32(1 / PEAK)
