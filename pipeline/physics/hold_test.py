@@ -27,7 +27,7 @@ OVERLAP = 1e-4  # m by which a plate starts in the object: engines find no conta
 WITHIN, REST = 0.1, 0.05
 """m from where it was, and m/s, up to which an object is held at the end: then it rests in the hand. Motors and gels give way by up to
 2 cm, some objects slip by up to 8 cm until they are caught, and what rests may creep at 1 cm/s; what falls is faster than 10 cm/s."""
-RESTING_SAMPLES, RESTING_CHANGE = 12, 2.5e-3  # an object rests when its pose, m and quaternion, changes by less in as many samples, 0.25 s
+RESTING_SAMPLES, RESTING_CHANGE = 12, 1e-3  # an object rests when its pose, m and quaternion, changes by less in as many samples, 0.25 s
 
 
 def is_held(moved: ArrayLike, speed: ArrayLike) -> Mask:
