@@ -31,7 +31,7 @@ from stages.train_touch import Presses, SimulatedPress, TouchTrainingSettings, t
 ZARR = "touches.zarr"
 MODEL_SUFFIX = "-touch"
 """Suffix of the folder beside a sensor file that holds its network: `my_gel-touch` beside `my_gel.yaml`."""
-SAME_IMAGES = {"rows": True, "cols": True, "gel": {"modulus"}}
+SAME_IMAGES = {"rows": True, "cols": True, "gel": {"modulus", "friction"}}
 """Entries that may differ from the sensor of a network that was not named: they change neither images nor indentation."""
 PNG_STEP = 1e-7  # m per level of a depth PNG: 16 bits reach 6.5 mm
 DEEPEST = 2**16 - 1

@@ -41,7 +41,7 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> PressedGel:
     than `MAX_CELLS` per side, squares of pixels share a cell with their mean D', and what lies between is interpolated.
     """
     factor, pitch = contact_cells(sensor)
-    coarse = _cell_means(pressed, factor)
+    coarse = cell_means(pressed, factor)
     deepest = coarse.max()
     if not deepest > 0:
         return PressedGel(np.zeros(sensor.shape), np.zeros(sensor.shape, bool), np.zeros(sensor.shape))
@@ -56,7 +56,7 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> PressedGel:
         indentation = _displacement(coarse.shape, coarse.shape, layer)(unit_pressure)
     surface, pressure = indentation * deepest, unit_pressure * (deepest * gel.modulus / (1 - gel.poisson**2))
     if factor > 1:
-        surface, pressure = _refine(surface, factor, sensor.shape), _spread(pressure, factor, pressed)
+        surface, pressure = refine(surface, factor, sensor.shape), _spread(pressure, factor, pressed)
     surface = np.where(pressed > 0, np.maximum(surface, pressed), surface)
     return PressedGel(surface, pressure > 0, pressure)
 
@@ -78,7 +78,7 @@ def check_layer(sensor: Sensor) -> None:
 
 
 @compiled
-def _cell_means(pressed: Array, factor: int) -> Array:
+def cell_means(pressed: Array, factor: int) -> Array:
     """Average squares of pixels; beyond the rim, where nothing is known to press, the impression is 0."""
     rows, cols = pressed.shape
     means = np.zeros((-(-rows // factor), -(-cols // factor)))
@@ -97,12 +97,20 @@ class _Convolution(NamedTuple):
     spectrum: Array32  # (padded rows, padded columns // 2 + 1) of the kernel
 
     def __call__(self, array: Array32) -> Array32:
-        rows, cols = array.shape
-        lines = scipy.fft.rfft(array, self.padded[1])  # axis by axis: lines of zeros and lines that are cut off need no transform
-        waves = scipy.fft.fft(lines, self.padded[0], axis=0)
+        waves = to_waves(array, self.padded)
         waves *= self.spectrum
-        lines = scipy.fft.ifft(waves, axis=0, overwrite_x=True)[:rows]
-        return np.asarray(scipy.fft.irfft(lines, self.padded[1])[:, :cols])
+        return from_waves(waves, self.padded, array.shape)
+
+
+def to_waves(arrays: Array32, padded: tuple[int, int]) -> NDArray[np.complex64]:  # (..., padded rows, padded columns // 2 + 1)
+    """Transform arrays (..., rows, cols) that zeros pad, axis by axis: lines of zeros need no transform."""
+    return np.asarray(scipy.fft.fft(scipy.fft.rfft(arrays, padded[1]), padded[0], axis=-2))
+
+
+def from_waves(waves: NDArray[np.complex64], padded: tuple[int, int], shape: tuple[int, ...]) -> Array32:  # (..., rows, cols)
+    """Transform waves, which are overwritten, back to arrays whose last axes are those of `shape`; the rest is cut off."""
+    lines = scipy.fft.ifft(waves, axis=-2, overwrite_x=True)[..., : shape[-2], :]
+    return np.asarray(scipy.fft.irfft(lines, padded[1])[..., : shape[-1]])
 
 
 @lru_cache(maxsize=8)
@@ -223,7 +231,7 @@ def _slope(before: float, here: float, after: float) -> float:
     return max(min(down, up), 0.0) + min(max(down, up), 0.0)
 
 
-def _refine(coarse: Array, factor: int, shape: tuple[int, int]) -> Array:
+def refine(coarse: Array, factor: int, shape: tuple[int, int]) -> Array:
     """Interpolate by cubics through the middles of cells, each of which becomes factor x factor pixels; cut to a shape."""
     shares = (np.arange(factor) + 0.5) / factor - 0.5
     t = shares % 1  # of the way from the second to the third of four neighbours, weighted as Catmull and Rom do
