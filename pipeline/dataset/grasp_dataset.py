@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch.utils.data import Dataset
+from torch.utils.data import Dataset, default_collate
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.store.storage import Location
@@ -42,6 +42,13 @@ class GraspDataset(Dataset[Item]):
         numbers = {name: grasp if name in self._of_grasps else None for name in self.arrays}
         arrays = {name: _tensor(self.rows.read(name, object_id, number)) for name, number in numbers.items()}
         return {"object_id": object_id, "grasp": grasp} | arrays
+
+    @staticmethod
+    def collate(items: Sequence[Item]) -> Item:
+        """Make a batch, for `DataLoader(…, collate_fn=…)`: stacked arrays, but a list of those whose size differs per object."""
+        return {
+            name: [item[name] for item in items] if "/" in name else default_collate([item[name] for item in items]) for name in items[0]
+        }
 
 
 def _tensor(value: np.ndarray) -> torch.Tensor | str:

@@ -100,7 +100,7 @@ class GraspedObjects(CompletedObjects):
             rows = self.rows(name)
             surface, row = rows["surfaces"], rows["grasps"]
             touch = self.touch.view(name) if self.touch.shards and not self.touch.failure(name) else {}
-            measured = {array: view[array] for view in (row, touch) for array in ("held", "force", "pressure") if array in set(view)}
+            measured = {array: view[array] for view in (row, touch) for array in view if array in ("held", "force", "pressure")}
             yield GraspedObject(name, read_mesh(surface), read_grasps(row), surface["placement"], measured)
 
 

@@ -97,7 +97,10 @@ class _Streams:
         meaning = "Position and rotation vector, rad, of the hand's root link in the world."
         yield f"{self.side}_wrist_pose", (np.hstack([pose[:, :3, 3], rotations]), Column("float64", unit="m", meaning=meaning))
         yield f"{self.side}_hand_joints", (_stack(episode, "joint_angles"), columns["joint_angles"])
-        yield f"{self.side}_hand_joints_idx", (np.tile(np.int32(self.slots), (count, 1)), Column("int64", meaning="Slots of the joints."))
+        yield (
+            f"{self.side}_hand_joints_idx",
+            (np.tile(np.array(self.slots, np.int32), (count, 1)), Column("int64", meaning="Slots of the joints.")),
+        )
         if camera := next((name for name in ("occluded", "unoccluded") if name in columns), None):
             yield "camera_main_rgb", (_stack(episode, camera), columns[camera])
         if "held" in columns:
