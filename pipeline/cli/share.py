@@ -130,8 +130,8 @@ def export(
 ) -> None:
     """Write a dataset for other programs.
 
-    The formats are LeRobot v3, Hugging Face parquet, WebDataset shards, stores of Open-X-Tactile and glTF scenes, all lossless; and grasps for
-    robots: arrays in each object's own frame, or the files of DexGraspBench.
+    The formats are LeRobot v3, Hugging Face parquet, WebDataset shards, stores of Open-X-Tactile and glTF scenes, all lossless; and grasps
+    for robots: arrays in each object's own frame, or the files of DexGraspBench.
     """
     write = plugins.find("exports", to)
     chosen = list(dict.fromkeys(objects or []))
