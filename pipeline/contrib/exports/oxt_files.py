@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from pipeline.store.storage import Location
 from schemas.catalogue import artifact_of
 
 CHUNK_BYTES = 2 * 10**6
-"""Least size of a chunk of more than one frame."""
+"""Size of a chunk, or that of a frame if it is larger."""
 KINDS = {
     "tactile_image": ("image", "image"),
     "touch_success": ("contact", "binary"),
@@ -36,40 +36,27 @@ def export_oxt(data: Location, folder: Path) -> str:
     frames = GraspFrames(data)
     if "tactile_image" not in frames.arrays:
         raise StoreError(f"{data.resolve()} has no touches; run simulate-touch, then export again")
-    categories = dict(zip(frames.rows.object_ids, frames.rows.categories, strict=True))
-    episodes = Counter((split, categories[name]) for split, names in frames.object_ids.items() for name in names)
-    streams, stores = _Streams(frames), dict[tuple[str, str], _Store]()
+    streams, ends = _Streams(frames), Counter[Path]()
     for split, episode in frames.objects():
-        task = split, episode[0]["category"]
-        if task not in stores:
-            stores[task] = _Store(folder / split / f"grasp_{_slug(task[1])}.zarr", frames.grasps, episodes[task])
-        stores[task].append(dict(streams.of(episode)))
+        path = folder / split / f"grasp_{_slug(episode[0]['category'])}.zarr"
+        ends[path] += len(episode)
+        root = zarr.open_group(str(path), mode="a", zarr_format=2)
+        end = Column("int64", meaning="Frame after the last one of each episode.")
+        _append(root.require_group("meta"), [("episode_ends", (np.array([ends[path]]), end))])
+        _append(root.require_group("data"), streams.of(episode))
     return frames.summary
 
 
-class _Store:
-    """The store of a task, with room for all of its episodes."""
-
-    def __init__(self, path: Path, frames: int, episodes: int) -> None:
-        root = zarr.create_group(str(path), zarr_format=2)
-        root.create_group("meta").create_array("episode_ends", data=np.arange(1, episodes + 1, dtype=np.int64) * frames)
-        self.data, self.frames, self.total, self.written = root.create_group("data"), frames, frames * episodes, 0
-
-    def append(self, streams: Mapping[str, Stream]) -> None:
-        """Write the next episode."""
-        for name, (values, column) in streams.items():
-            if not self.written:
-                self.data.create_array(
-                    name,
-                    shape=(self.total, *values.shape[1:]),
-                    dtype=values.dtype,
-                    chunks=(min(max(1, CHUNK_BYTES // values[0].nbytes), self.total), *values.shape[1:]),
-                    compressors=numcodecs.Blosc("zstd"),
-                    attributes={"unit": column.unit, "description": column.meaning, "names": list(column.names)},
-                )
-            stored: Any = self.data[name]
-            stored[self.written : self.written + self.frames] = values
-        self.written += self.frames
+def _append(group: zarr.Group, streams: Iterable[tuple[str, Stream]]) -> None:
+    """Write the next values of arrays."""
+    for name, (values, column) in streams:
+        if name in group:
+            stored: Any = group[name]
+            stored.append(values)
+            continue
+        chunks = (max(1, CHUNK_BYTES // values[0].nbytes), *values.shape[1:])
+        attributes: dict[str, Any] = {"unit": column.unit, "description": column.meaning, "names": list(column.names)}
+        group.create_array(name, data=values, chunks=chunks, compressors=numcodecs.Blosc("zstd"), attributes=attributes)
 
 
 class _Streams:
@@ -80,17 +67,17 @@ class _Streams:
         self.columns, self.fingers = frames.columns, frames.labels["sensor"]
         self.side = "left" if "left" in hand.name.lower() else "right"
         self.slots, self.areas = joint_slots(hand), tactile_areas(hand)
-        self.text = f"<U{max(map(len, frames.rows.object_ids))}"
+        texts = [*frames.rows.object_ids, *(_instruction(category) for category in frames.rows.categories)]
+        self.text = f"<U{max(map(len, texts))}"  # of all episodes: a store cuts longer text that is appended
 
     def of(self, episode: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, Stream]]:
         """Name the time-major arrays of an episode."""
-        count, columns, category = len(episode), self.columns, episode[0]["category"]
+        count, columns = len(episode), self.columns
         yield (
             "timestamps",
             (np.arange(count), Column("int64", unit="s", meaning="Number of the grasp: each follows one second after the last.")),
         )
-        instruction = f"grasp {'an' if category[:1].lower() in 'aeiou' else 'a'} {category}."
-        yield "sub_task_instruction", (np.full(count, instruction), columns["category"])
+        yield "sub_task_instruction", (np.full(count, _instruction(episode[0]["category"]), self.text), columns["category"])
         yield "object_id", (np.full(count, episode[0]["object_id"], self.text), columns["object_id"])
         pose = _stack(episode, "hand_pose")
         rotations = Rotation.from_matrix(pose[:, :3, :3]).as_rotvec()
@@ -128,6 +115,10 @@ class _Streams:
 
 def _stack(episode: Sequence[Mapping[str, Any]], column: str) -> np.ndarray:  # (T, …)
     return np.stack([frame[column] for frame in episode])
+
+
+def _instruction(category: str) -> str:
+    return f"grasp {'an' if category[:1].lower() in 'aeiou' else 'a'} {category}."
 
 
 def _slug(name: str) -> str:
