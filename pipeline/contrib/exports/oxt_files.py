@@ -12,7 +12,7 @@ import zarr
 from scipy.spatial.transform import Rotation
 
 from pipeline.contrib.exports.functional_areas import joint_slots, tactile_areas
-from pipeline.contrib.exports.grasp_frames import BY_FINGER, Column, GraspFrames
+from pipeline.contrib.exports.grasp_frames import BY_FINGER, Column, GraspFrames, instruction
 from pipeline.dataset.grasps import grasping_hand
 from pipeline.errors import StoreError
 from pipeline.store.storage import Location
@@ -28,6 +28,11 @@ KINDS = {
 }
 """The group of a tactile array, and its type."""
 
+END = Column("int64", meaning="Frame after the last one of each episode.")
+TIME = Column("int64", unit="s", meaning="Number of the grasp: each follows one second after the last.")
+WRIST = Column("float64", unit="m", meaning="Position and rotation vector, rad, of the hand's root link in the world.")
+LABEL = Column("string")
+
 Stream = tuple[np.ndarray, Column]  # (T, …)
 
 
@@ -41,8 +46,7 @@ def export_oxt(data: Location, folder: Path) -> str:
         path = folder / split / f"grasp_{_slug(episode[0]['category'])}.zarr"
         ends[path] += len(episode)
         root = zarr.open_group(str(path), mode="a", zarr_format=2)
-        end = Column("int64", meaning="Frame after the last one of each episode.")
-        _append(root.require_group("meta"), [("episode_ends", (np.array([ends[path]]), end))])
+        _append(root.require_group("meta"), [("episode_ends", (np.array([ends[path]]), END))])
         _append(root.require_group("data"), streams.of(episode))
     return frames.summary
 
@@ -64,36 +68,28 @@ class _Streams:
 
     def __init__(self, frames: GraspFrames) -> None:
         hand = grasping_hand({name: frames.rows.attributes(name) for name in frames.rows.collections})
-        self.columns, self.fingers = frames.columns, frames.labels["sensor"]
+        self.arrays, self.columns, self.fingers = frames.arrays, frames.columns, frames.labels["sensor"]
         self.side = "left" if "left" in hand.name.lower() else "right"
         self.slots, self.areas = joint_slots(hand), tactile_areas(hand)
-        texts = [*frames.rows.object_ids, *(_instruction(category) for category in frames.rows.categories)]
+        texts = [*frames.rows.object_ids, *(instruction(category) for category in frames.rows.categories)]
         self.text = f"<U{max(map(len, texts))}"  # of all episodes: a store cuts longer text that is appended
 
     def of(self, episode: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, Stream]]:
         """Name the time-major arrays of an episode."""
-        count, columns = len(episode), self.columns
-        yield (
-            "timestamps",
-            (np.arange(count), Column("int64", unit="s", meaning="Number of the grasp: each follows one second after the last.")),
-        )
-        yield "sub_task_instruction", (np.full(count, _instruction(episode[0]["category"]), self.text), columns["category"])
-        yield "object_id", (np.full(count, episode[0]["object_id"], self.text), columns["object_id"])
-        pose = _stack(episode, "hand_pose")
+        count, columns, pose = len(episode), self.columns, _stack(episode, "hand_pose")
         rotations = Rotation.from_matrix(pose[:, :3, :3]).as_rotvec()
-        meaning = "Position and rotation vector, rad, of the hand's root link in the world."
-        yield f"{self.side}_wrist_pose", (np.hstack([pose[:, :3, 3], rotations]), Column("float64", unit="m", meaning=meaning))
+        yield "timestamps", (np.arange(count), TIME)
+        yield "sub_task_instruction", (np.full(count, instruction(episode[0]["category"]), self.text), LABEL)
+        yield "object_id", (np.full(count, episode[0]["object_id"], self.text), columns["object_id"])
+        yield f"{self.side}_wrist_pose", (np.hstack([pose[:, :3, 3], rotations]), WRIST)
         yield f"{self.side}_hand_joints", (_stack(episode, "joint_angles"), columns["joint_angles"])
-        yield (
-            f"{self.side}_hand_joints_idx",
-            (np.tile(np.array(self.slots, np.int32), (count, 1)), Column("int64", meaning="Slots of the joints.")),
-        )
+        yield f"{self.side}_hand_joints_idx", (np.tile(np.array(self.slots, np.int32), (count, 1)), LABEL)
         if camera := next((name for name in ("occluded", "unoccluded") if name in columns), None):
             yield "camera_main_rgb", (_stack(episode, camera), columns[camera])
         if "held" in columns:
             yield "held", (_stack(episode, "held"), columns["held"])
-        for array in KINDS:
-            if any(name.partition(".")[0] == array for name in columns):
+        for array in self.arrays:
+            if array in KINDS:
                 yield from self._tactile(array, episode)
 
     def _tactile(self, array: str, episode: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, Stream]]:
@@ -108,17 +104,14 @@ class _Streams:
             fingers, group = tuple(self.fingers[number] for number in of_kind), f"{quantity}_{_slug(sensor)}"
             described = Column("float32", names=fingers, unit=schema.units, meaning=schema.description)
             areas = np.tile([self.areas[number] for number in of_kind], (len(episode), 1))
-            labels = {"area": areas, "sensor": np.full(len(episode), sensor), "type": np.full(len(episode), kind)}
-            for member, one in {"data": values[:, of_kind], **labels}.items():
-                yield f"{self.side}_tactile_{member}_{group}", (one, described if member == "data" else Column("string"))
+            yield f"{self.side}_tactile_data_{group}", (values[:, of_kind], described)
+            yield f"{self.side}_tactile_area_{group}", (areas, LABEL)
+            yield f"{self.side}_tactile_sensor_{group}", (np.full(len(episode), sensor), LABEL)
+            yield f"{self.side}_tactile_type_{group}", (np.full(len(episode), kind), LABEL)
 
 
 def _stack(episode: Sequence[Mapping[str, Any]], column: str) -> np.ndarray:  # (T, …)
     return np.stack([frame[column] for frame in episode])
-
-
-def _instruction(category: str) -> str:
-    return f"grasp {'an' if category[:1].lower() in 'aeiou' else 'a'} {category}."
 
 
 def _slug(name: str) -> str:

@@ -61,7 +61,7 @@ def test_objects_of_a_category_are_episodes_of_one_store(tmp_path: Path) -> None
     root: Any = zarr.open_group(str(tmp_path / "out" / "test" / "grasp_bottle.zarr"), mode="r")
     assert root["meta/episode_ends"][:].tolist() == [5, 10]
     assert root["data/object_id"][:].tolist() == ["a"] * 5 + ["c"] * 5
-    assert set(root["data/sub_task_instruction"][:]) == {"grasp a bottle."}
+    assert set(root["data/sub_task_instruction"][:]) == {"grasp a bottle"}
     images = ObjectRows(tmp_path / "data", ["tactile_image"], split=None)
     expected = np.concatenate([images.read("tactile_image", name) for name in ("a", "c")])
     np.testing.assert_array_equal(root["data/right_tactile_data_image_gel_16mm"][:], expected)
