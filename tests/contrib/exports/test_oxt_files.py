@@ -84,6 +84,14 @@ def test_allegro_has_the_slots_that_the_layout_draws_for_it() -> None:
     assert joint_slots(load_hand("allegro_right")) == [5, 7, 8, 9, 10, 12, 13, 14, 15, 17, 18, 19, 1, 0, 2, 3]
 
 
+def test_thumb_of_five_joints_has_the_slots_of_the_shadow_hand() -> None:
+    hand = load_hand("allegro_right")
+    thumb, index = replace(hand.fingers[3], joints=(11, *hand.fingers[3].joints)), hand.fingers[0]
+    others = (replace(hand.fingers[2], joints=hand.fingers[2].joints[:3]), hand.fingers[1], index)
+    slots = joint_slots(replace(hand, fingers=(thumb, *others)))
+    assert [slots[entry] for entry in thumb.joints] == [1, 0, 26, 3, 4]
+
+
 def test_gripper_has_the_slot_of_grippers_and_the_areas_of_thumb_and_index() -> None:
     gripper = load_hand("two_finger_gripper")
     assert joint_slots(gripper) == [28]
