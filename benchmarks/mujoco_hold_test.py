@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from benchmarks.mujoco_hand import hand_spec
 from pipeline.contrib.exports.convex_parts import convex_parts
+from pipeline.formats.mjcf_files import import_mujoco, is_mjcf
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.grasp import Contact, Grasp
 from pipeline.kernels.touch.depth_maps import gel_top
-from pipeline.physics.hand_mjcf import HARD, hand_spec, import_mujoco
+from pipeline.physics.hand_mjcf import HARD, add_drives
 from pipeline.physics.hand_urdf import gel_name
 from pipeline.physics.hold_test import HoldTest, gel_spring
 from pipeline.store.temporary import temporary_folder
@@ -41,17 +43,20 @@ class MujocoHoldTest(HoldTest):
     def _hand_spec(self, folder: Path) -> Any:
         """Make MuJoCo's description of the hand, which reads meshes in the folder."""
         mujoco, hand = self.mujoco, self.hand
-        spec = hand_spec(hand, folder, self.sensors, GAIN)
+        spec = hand_spec(hand, self.sensors, folder)
         spec.option.timestep = TIMESTEP
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         spec.option.impratio, spec.option.noslip_iterations = 10, 2
         gels = [gel_name(number) for number in range(len(self.sensors))]
         for geom in spec.geoms:
+            if not (geom.contype or geom.conaffinity):  # for the eye
+                continue
             geom.contype, geom.conaffinity = (GEL, 0) if geom.parent.name in gels else (HAND, HAND)
             geom.priority, geom.condim = 1, 4  # the hand's friction counts
             geom.friction = [hand.friction, self.torsion or 0.0, 0.0]
             geom.solref[:], geom.solimp[:] = HARD["solref"], HARD["solimp"]
+        add_drives(spec, hand, GAIN)
         for gel in gels:
             lock = spec.add_equality(name=gel, type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, active=False, **HARD)
             lock.name1 = gel
@@ -86,6 +91,8 @@ class MujocoHoldTest(HoldTest):
             data.joint(name).qpos = angle
         for follower in hand.followers:
             data.joint(hand.joints[follower.link - 1].name).qpos = follower.of(start)
+        for name, angle in hand.frozen.items() if is_mjcf(hand.model) else ():  # they are fixed in a URDF
+            data.joint(name).qpos = angle
         for number, contact in enumerate(grasp.contacts):
             self._press(number, contact, out=closes)
         self.mujoco.mj_forward(model, data)

@@ -42,7 +42,6 @@ class ReadRenderings(ObjectStage):
         return (SURFACES,)
 
     def files(self, source: Mapping[str, Any]) -> list[Path]:
-        """List the images and their metadata."""
         return rendering_files(Path(source["renderings"])) if "renderings" in source else []
 
     def cost(self, settings: RenderingSettings) -> Cost:

@@ -25,6 +25,7 @@ GUIDES = (
     "installing",
     "objects",
     "library",
+    "slides",
     "reading",
 )
 STAGES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs" / "how-it-works").glob("*.md"))

@@ -122,7 +122,7 @@ class ObjectRows(UsableObjects):
     def size(self, array: str, dim: str) -> int:
         """Return the size of an array along one of its dimensions, the same in every object."""
         position = self.dims(array).index(dim)
-        return int(self.collections[self._artifact_of[array].name].first.array(array).shape[position])
+        return int(self.collections[self._artifact_of[array].name].first.stored(array).shape[position])
 
     def diagonal(self, object_id: str) -> float:
         """Compute the diagonal of an object's bounding box, m, of the mesh in `surfaces`."""
@@ -157,7 +157,7 @@ class ObjectRows(UsableObjects):
             return self._cache.get((array,), lambda: shard.read(array))
         by_grasp = grasp is not None and len(dims) > 1 and dims[1] in INDEXED_DIMS
         part = tuple(camera if dim == "camera" and camera is not None else slice(None) for dim in dims[1:])
-        stored, position = shard.array(array), shard.position[object_id]
+        stored, position = shard.stored(array), shard.position[object_id]
         entry = position if camera is None or "camera" not in dims else (position, *part)
         indices = {"camera": camera, **dict.fromkeys(INDEXED_DIMS, grasp)}
         for dim, count in zip(dims, stored.shape, strict=True):
@@ -190,7 +190,6 @@ class ObjectRows(UsableObjects):
         return np.stack(values).reshape(*sites, *np.shape(values[0]))
 
     def _difference(self, object_id: str, grasp: int | None) -> np.ndarray:
-        """Subtract each sensor's untouched image."""
         return np.asarray(self.read("tactile_image", object_id, grasp).astype(np.int16) - self.read("untouched", object_id))
 
 

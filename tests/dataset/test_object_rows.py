@@ -87,7 +87,7 @@ def test_one_camera_is_read_without_the_others(tmp_path):
     rows = ObjectRows(tmp_path, ["unoccluded", "occluded", "segmentation"], None)
     name, shard = rows.object_ids[0], DataDirectory(tmp_path).collection(VISION).first
     for array, axis in (("unoccluded", 1), ("occluded", 2), ("segmentation", 2)):
-        assert shard.array(array).chunks[axis] == 1, "each camera is a chunk"
+        assert shard.stored(array).chunks[axis] == 1, "each camera is a chunk"
         assert (rows.read(array, name) == row[array]).all()
         assert (rows.read(array, name, camera=1) == np.take(row[array], 1, axis - 1)).all()
     assert (rows.read("occluded", name, 1, camera=2) == row["occluded"][1, 2]).all()

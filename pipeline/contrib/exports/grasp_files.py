@@ -89,7 +89,7 @@ class GraspedObjects(CompletedObjects):
     @property
     def summary(self) -> str:
         """The number of grasps."""
-        return pluralise(len(self.object_ids) * self.collections["grasps"].first.array("hand_pose").shape[1], "grasp")
+        return pluralise(len(self.object_ids) * self.collections["grasps"].first.stored("hand_pose").shape[1], "grasp")
 
     def sensors(self) -> tuple[Sensor, ...]:
         """Read the sensors that the hand wore."""
