@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import torch
-from torch.utils.data import Dataset
+from torch.utils.data import Dataset, default_collate
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.store.storage import Location
@@ -42,3 +42,9 @@ class GraspDataset(Dataset[Item]):
         arrays = {name: self.rows.read(name, object_id, number) for name, number in numbers.items()}
         items = {name: str(value) if value.dtype.kind in "OUT" else torch.from_numpy(value.copy()) for name, value in arrays.items()}
         return {"object_id": object_id, "grasp": grasp, **items}
+
+    @staticmethod
+    def collate(items: Sequence[Item]) -> Item:
+        """Make a batch, for `DataLoader(…, collate_fn=…)`: stacked arrays, but a list of those whose size differs per object."""
+        columns = {name: [item[name] for item in items] for name in items[0]}
+        return {name: column if "/" in name else default_collate(column) for name, column in columns.items()}
