@@ -65,7 +65,8 @@ def solve_3x3(matrix: Array, target: Array) -> Array:
         for i in range(3):
             crosses[k, i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3]
     determinant = crosses[0, 0] * matrix[0, 0] + crosses[0, 1] * matrix[1, 0] + crosses[0, 2] * matrix[2, 0]
-    return (crosses[:, 0] * target[0] + crosses[:, 1] * target[1] + crosses[:, 2] * target[2]) / determinant
+    solution: Array = (crosses[:, 0] * target[0] + crosses[:, 1] * target[1] + crosses[:, 2] * target[2]) / determinant
+    return solution
 
 
 def length(vectors: ArrayLike) -> Array:
