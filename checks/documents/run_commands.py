@@ -26,6 +26,7 @@ GUIDES = (
     "objects",
     "own-grasps",
     "library",
+    "slides",
     "reading",
 )
 STAGES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs" / "how-it-works").glob("*.md"))

@@ -27,16 +27,14 @@ from pipeline.kernels.vision.camera import Camera, camera_pose, project_points, 
 
 ENTRIES: dict[Kind, set[str]] = {
     "sensor": {"w", "rows", "cols"},
-    "hand": {"urdf", "palm", "fingers"},
+    "hand": {"model", "urdf", "palm", "fingers"},
     "scene": {"cameras", "background"},
     "manifest": {"sources", "splits"},
     "observation": {"object", "camera", "touches"},
 }
 """Entries that identify the kinds of description files."""
-SIZE = 0.5
-"""m, diagonal of an object that must be visible in the images."""
-PRESS = 0.25
-"""Depth to which ball and edge are pressed in, as a share of the gel's height in its middle."""
+SIZE = 0.5  # m, diagonal of an object that must be visible in the images
+PRESS = 0.25  # depth to which ball and edge are pressed in, as a share of the gel's height in its middle
 
 
 class DescribedFile(NamedTuple):

@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 import torch
-from torch.utils.data import Dataset
+from torch.utils.data import Dataset, default_collate
 
 from pipeline.dataset.grasps import grasp_count
 from pipeline.dataset.object_rows import ObjectRows
@@ -43,10 +42,12 @@ class GraspDataset(Dataset[Item]):
     def __getitem__(self, index: int) -> Item:
         object_id, grasp = self.items[index]
         numbers = {name: grasp if name in self._of_grasps else None for name in self.arrays}
-        arrays = {name: _tensor(self.rows.read(name, object_id, number)) for name, number in numbers.items()}
-        return {"object_id": object_id, "grasp": grasp} | arrays
+        arrays = {name: self.rows.read(name, object_id, number) for name, number in numbers.items()}
+        items = {name: str(value) if value.dtype.kind in "OUT" else torch.from_numpy(value.copy()) for name, value in arrays.items()}
+        return {"object_id": object_id, "grasp": grasp, **items}
 
-
-def _tensor(value: np.ndarray) -> torch.Tensor | str:
-    """Copy an array into a tensor; return the string itself if it holds one."""
-    return str(value) if value.dtype.kind in "OUT" else torch.from_numpy(value.copy())
+    @staticmethod
+    def collate(items: Sequence[Item]) -> Item:
+        """Make a batch, for `DataLoader(…, collate_fn=…)`: stacked arrays, but a list of those whose size differs per object."""
+        columns = {name: [item[name] for item in items] for name in items[0]}
+        return {name: column if "/" in name else default_collate(column) for name, column in columns.items()}

@@ -33,8 +33,7 @@ ATTEMPTS = 12
 """Attempts at a conditional put while no other process writes: object storage may refuse one in a race, or a connection may break."""
 
 
-UNFINISHED = ".unfinished"
-"""The subfolder of a target folder that holds unfinished files and the lock of their writer."""
+UNFINISHED = ".unfinished"  # the subfolder of a target folder that holds unfinished files and the lock of their writer
 
 
 def write_atomically(path: Location, content: bytes, *, durable: bool = True) -> None:
@@ -76,18 +75,23 @@ def atomic_writes(folder: Location) -> Iterator[Path]:
             shutil.rmtree(new_files, ignore_errors=True)
             new_files.mkdir()
             yield new_files
-            names = sorted(files_below(new_files))
-            refuse_links(folder, names)
-            flush([*new_files.rglob("*"), new_files])
-            for name in names:
-                (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                (new_files / name).replace(folder / name)
-            flush({(folder / name).parent for name in names})
+            move_files(new_files, folder)
         finally:
             shutil.rmtree(work, ignore_errors=True)
             if not existed:
                 with suppress(OSError):  # it holds files, unless writing them failed
                     folder.rmdir()
+
+
+def move_files(source: Path, folder: Path) -> None:
+    """Move the files below a folder into another one on the same disk, each atomically."""
+    names = sorted(files_below(source))
+    refuse_links(folder, names)
+    flush([*source.rglob("*"), source])
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (source / name).replace(folder / name)
+    flush({(folder / name).parent for name in names})
 
 
 def refuse_links(folder: Path, names: Iterable[str]) -> None:

@@ -36,7 +36,10 @@ def run(monkeypatch, capsys):
     return run_example
 
 
-@pytest.mark.parametrize("name", ["read_with_torch", "read_with_xarray", "touch_in_pybullet", "touch_one_mesh", "train_one_network"])
+NAMES = "read_with_torch", "read_with_xarray", "slide", "touch_in_pybullet", "touch_one_mesh", "train_one_network"
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_help_names_the_arguments(name, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", [name, "--help"])
     with pytest.raises(SystemExit, match="0"):
@@ -72,6 +75,14 @@ def test_touch_in_pybullet_prints_its_rate(run):
     printed = run("touch_in_pybullet", "gel_16mm", 20)
     assert "20 steps, 20 of them touch" in printed
     assert "tactile images per second" in printed
+
+
+def test_slide_prints_forces_and_writes_an_animation(run, tmp_path):
+    printed = run("slide", tmp_path / "slide.webp", 8)
+    assert "not settled" not in printed
+    assert printed.endswith("slide.webp: 8 images\n")
+    with Image.open(tmp_path / "slide.webp") as animation:
+        assert (animation.size, animation.n_frames) == ((320, 240), 8)
 
 
 def test_method_of_twenty_lines_is_scored(run, data, tmp_path):

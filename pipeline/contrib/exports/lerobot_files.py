@@ -15,7 +15,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from pipeline.contrib.exports.grasp_frames import Column, GraspFrames
+from pipeline.contrib.exports.grasp_frames import BY_FINGER, Column, GraspFrames, instruction
 from pipeline.contrib.exports.parquet_files import import_arrow, schema_of, table_of
 from pipeline.store.storage import Location
 
@@ -31,7 +31,6 @@ QUANTILES = {"min": 0.0, "q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99":
 BLOCK = 2**22
 """Values that are sorted at a time: memory does not grow with the dataset."""
 NAMES = {"unoccluded": "observation.images.unoccluded", "occluded": "observation.images.occluded", "joint_angles": "observation.state"}
-PREFIXES = {"tactile_image.": "observation.images.tactile_", "depth.": "observation.depth_"}
 INDEX = {name: Column("int64") for name in ("frame_index", "episode_index", "index", "task_index")}
 
 
@@ -41,13 +40,13 @@ def export_lerobot(data: Location, folder: Path) -> str:
     import pandas
 
     columns = {_name(name): column for name, column in frames.columns.items()} | {"timestamp": Column("float32")} | INDEX
-    schema, tasks = schema_of(columns), sorted({_task(category) for category in frames.rows.categories})
+    schema, tasks = schema_of(columns), sorted({instruction(category) for category in frames.rows.categories})
     episodes: list[dict[str, Any]] = []
     index, number, size = 0, -1, FILE_BYTES  # of the next frame; of the current data file, and its bytes
     with tempfile.TemporaryFile(dir=folder) as spooled, ExitStack() as opened:
         statistics = _Statistics(columns, spooled)
         for _, object_frames in frames.objects():
-            task = tasks.index(_task(object_frames[0]["category"]))
+            task = tasks.index(instruction(object_frames[0]["category"]))
             rows = []
             for grasp, frame in enumerate(object_frames):
                 numbers = {"frame_index": grasp, "episode_index": len(episodes), "index": index + grasp, "task_index": task}
@@ -71,7 +70,7 @@ def export_lerobot(data: Location, folder: Path) -> str:
     ends = list(accumulate(map(len, frames.object_ids.values()), initial=0))
     info = {
         "codebase_version": VERSION,
-        "robot_type": frames.rows.attributes("grasps").get("hand", {}).get("name", "unknown"),
+        "robot_type": frames.hand,
         "total_episodes": len(episodes),
         "total_frames": index,
         "total_tasks": len(tasks),
@@ -96,19 +95,16 @@ def export_lerobot(data: Location, folder: Path) -> str:
 
 def _name(name: str) -> str:
     """Look up the name that LeRobot's policies know a column by."""
-    for prefix, lerobot_prefix in PREFIXES.items():
-        if name.startswith(prefix):
-            return lerobot_prefix + name.removeprefix(prefix)
+    array, _, finger = name.partition(".")
+    if array in BY_FINGER:
+        return f"observation.images.tactile_{finger}" if array == "tactile_image" else f"observation.{array}_{finger}"
     return NAMES.get(name, f"observation.{name}" if name in ("hand_pose", "sensor_pose", "touch_success") else name)
 
 
 def _feature(column: Column) -> dict[str, Any]:
     names = ["height", "width", "channels"] if column.kind == "image" else (list(column.names) or None)
-    return {"dtype": column.kind, "shape": list(column.shape or (1,)), "names": names}
-
-
-def _task(category: str) -> str:
-    return f"grasp {'an' if category[:1].lower() in 'aeiou' else 'a'} {category}"
+    described = {"unit": column.unit, "description": column.meaning} if column.meaning else {}
+    return {"dtype": column.kind, "shape": list(column.shape or (1,)), "names": names, **described}
 
 
 class _Statistics:

@@ -1,0 +1,204 @@
+"""MJCF files: the links and joints of a hand, as MuJoCo reads them. The format: https://mujoco.readthedocs.io/en/stable/XMLreference.html.
+
+MuJoCo parses and compiles the file: defaults, angles, frames, scales and inertias are its own. A body with several joints becomes a chain
+of links, the last with its name and frame. Poses are rounded: the C library's sine gives them, whose last digits are the processor's.
+Damping, springs and rotors of joints are not read: they suit the file's motors, and MuJoCo's implicit integration; PyBullet's is explicit.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+
+from pipeline.errors import InvalidInput, missing_name
+from pipeline.formats.mesh_parts import MAX_FACES
+from pipeline.formats.mesh_reader import read_within_limits
+from pipeline.formats.mjcf_couplings import Couplings
+from pipeline.formats.mjcf_files import compile_spec, import_mujoco, kind_of, read_spec
+from pipeline.formats.urdf import MAX_PARTS, refuse_namesakes
+from pipeline.formats.urdf_shapes import MAX_TURN, PRIMITIVES, check_unit
+from pipeline.kernels.arrays import Array
+from pipeline.kernels.geometry.mesh import Look, Mesh
+from pipeline.kernels.geometry.transforms import compose, length, rotation_from_euler, transform_points
+from pipeline.kernels.hand.kinematics import joint_motion
+from pipeline.kernels.hand.model import HandModel, Inertial, Joint, Link, Shape
+
+DIGITS = 10  # decimals of poses, m and rad
+MAX_GROUP = 2  # of geoms that MuJoCo's viewer shows unasked
+UNNEEDED = {
+    "cameras": "ncam",
+    "lights": "nlight",
+    "sites": "nsite",
+    "sensors": "nsensor",
+    "keyframes": "nkey",
+    "excluded contacts": "nexclude",
+    "textures": "ntex",
+    "skins": "nskin",
+    "flexible bodies": "nflex",
+}
+"""What a grasp does without, and its count in a MuJoCo model."""
+
+
+def read_mjcf(path: Path, root: str) -> HandModel:
+    """Read the links and joints of an MJCF, as `parse_mjcf`, in a process limited in memory and time."""
+    try:
+        model: HandModel = read_within_limits("mjcf", "parse_mjcf", path, root)
+        return model
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: {error}") from error
+
+
+def parse_mjcf(path: Path, root: str) -> HandModel:
+    """Read the body `root` of an MJCF and the bodies below it, in this process; what holds the root is ignored."""
+    spec, files = read_spec(path)
+    spec.compiler.fusestatic = spec.compiler.discardvisual = False  # they would drop links and what is seen
+    model = compile_spec(spec)
+    names = [model.body(body).name for body in range(1, model.nbody)]  # 0 is the world
+    if root not in names:
+        raise InvalidInput(missing_name("body", root, names))
+    bodies = [names.index(root) + 1]
+    for body in range(bodies[0] + 1, model.nbody):  # parents first
+        bodies += [body] if model.body_parentid[body] in bodies else []
+    parts = sum(int(model.body_jntnum[body] + model.body_geomnum[body]) + 1 for body in bodies)
+    if parts > MAX_PARTS:
+        raise InvalidInput(f"it has {parts} bodies, joints and geoms, {MAX_PARTS} are the most")
+    hinges = model.jnt_type == int(import_mujoco().mjtJoint.mjJNT_HINGE)
+    turns = model.jnt_range[hinges & (model.jnt_limited > 0) & np.isin(model.jnt_bodyid, bodies[1:])]
+    if spec.compiler.degree and 0 < np.abs(turns).max(initial=0.0) < np.radians(MAX_TURN):
+        raise InvalidInput('all joints turn by less than 6.3°; are angles in radians? Then write <compiler angle="radian"/>')
+    couplings = Couplings(model, frozenset(bodies))
+    reader = _Reader(model, couplings)
+    for body in bodies:
+        reader.add(model.body(body))
+    refuse_namesakes("link", [link.name for link in reader.links])
+    refuse_namesakes("joint", [joint.name for joint in reader.joints])
+    unneeded = ", ".join(f"{name} ({count})" for name, attribute in UNNEEDED.items() if (count := getattr(model, attribute)))
+    notes = [f"the MJCF has what grasps do without: {unneeded}"] if unneeded else []
+    return HandModel(tuple(reader.links), tuple(reader.joints), tuple(files[1:]), (*notes, *couplings.notes), couplings.least_force)
+
+
+class _Reader:
+    """Makes links and joints of the bodies of a compiled model."""
+
+    def __init__(self, model: Any, couplings: Couplings) -> None:
+        self._model, self._couplings = model, couplings
+        self.links: list[Link] = []
+        self.joints: list[Joint] = []
+        self._numbers: dict[int, int] = {}  # of links, by body
+        self._faces = 0
+
+    def add(self, body: Any) -> None:
+        """Add a body: a link for each of its joints, and one more where the last does not turn about the body's origin."""
+        if self.links:
+            frame, steps = _pose(body.pos, body.quat), list[tuple[Any, Array]]()
+            for number in range(body.jntadr.item(), body.jntadr.item() + body.jntnum.item()):
+                joint = self._model.joint(number)
+                steps.append((joint, compose(frame, _pose(joint.pos))))
+                frame = _pose(-joint.pos)
+            if not steps or frame[:3, 3].any():
+                steps.append((None, frame))
+            parent = self._numbers[body.parentid.item()]
+            for joint, origin in steps:
+                if self.joints and len(self.joints) == len(self.links):  # a step of this body is done
+                    self.links.append(Link(f"{body.name}/{self.joints[-1].name}", (), ()))
+                    parent = len(self.links) - 1
+                self.joints.append(self._joint(joint, parent, origin) if joint else self._fixed(f"{body.name}/fixed", parent, origin))
+        self._numbers[body.id] = len(self.links)
+        self.links.append(Link(body.name, *self._shapes(body), _inertial(body)))
+
+    def _fixed(self, name: str, parent: int, origin: Array) -> Joint:
+        pose, rpy = _rounded(origin)
+        return Joint(name, "fixed", parent, len(self.links), pose, np.array([1.0, 0.0, 0.0]), 0.0, 0.0, rpy=rpy)
+
+    def _joint(self, joint: Any, parent: int, origin: Array) -> Joint:
+        """Read a joint. Its value is MuJoCo's, which is `ref` where the body is as the file says."""
+        kinds = {"hinge": "revolute" if joint.limited else "continuous", "slide": "prismatic"}
+        kind = kinds.get(kind_of("mjtJoint", joint.type))
+        if kind is None:
+            raise InvalidInput(f"joint {joint.name} is a ball joint; write three hinges in its place")
+        mimic, held = self._couplings.mimics.get(joint.id), self._couplings.held.get(joint.id)
+        axis = np.round(joint.axis, DIGITS)
+        axis /= length(axis)
+        origin = compose(origin, joint_motion(kind, axis, (held or 0.0) - joint.qpos0.item()))
+        if held is not None:
+            return self._fixed(joint.name, parent, origin)
+        if kind == "prismatic" and not joint.limited and mimic is None:
+            raise InvalidInput(f"joint {joint.name} slides without a limit; give it a range")
+        lower, upper = joint.range.tolist() if joint.limited else (0.0, 0.0)
+        check_unit(f"joint {joint.name} has limits", (lower, upper), slides=kind == "prismatic")
+        low, high = np.clip(self._couplings.reach.get(joint.id, (lower, upper)), lower, upper).tolist()
+        if joint.limited and low < high and (low, high) != (lower, upper):
+            self._couplings.notes.append(
+                f"joint {joint.name} has limits {lower:.4g} … {upper:.4g}, its actuator {low:.4g} … {high:.4g}: they count"
+            )
+            lower, upper = low, high
+        pose, rpy = _rounded(origin)
+        return Joint(joint.name, kind, parent, len(self.links), pose, axis, lower, upper, mimic, rpy)
+
+    def _shapes(self, body: Any) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
+        """Read what is seen of a body, and what collides: if nothing is there for the eye alone, what collides is seen."""
+        model = self._model
+        numbers = range(body.geomadr.item(), body.geomadr.item() + body.geomnum.item())
+        geoms = [geom for geom in map(model.geom, numbers) if kind_of("mjtGeom", geom.type) not in ("plane", "hfield")]
+        paired = {*model.pair_geom1.tolist(), *model.pair_geom2.tolist()}
+        colliding = [geom.id for geom in geoms if geom.contype or geom.conaffinity or geom.id in paired]
+        shown = [geom.id for geom in geoms if geom.group <= MAX_GROUP and self._color(geom)[3] > 0]
+        seen = [number for number in shown if number not in colliding] or shown
+        shapes = {geom.id: self._shape(geom) for geom in geoms if geom.id in (*seen, *colliding)}
+        return tuple(shapes[number] for number in seen), tuple(shapes[number] for number in colliding)
+
+    def _shape(self, geom: Any) -> Shape:
+        from trimesh import creation
+
+        kind, sizes = kind_of("mjtGeom", geom.type), geom.size  # MuJoCo's are halves
+        pose, rpy = _rounded(_pose(geom.pos, geom.quat))
+        size: tuple[float, ...] = (1.0, 1.0, 1.0)
+        if kind in PRIMITIVES:
+            size = tuple({"box": 2 * sizes, "sphere": sizes[:1]}.get(kind, sizes[:2] * [1, 2]).tolist())
+            body = PRIMITIVES[kind][1](creation, *size)
+            vertices, faces = body.vertices, body.faces
+        elif kind == "ellipsoid":
+            body = PRIMITIVES["sphere"][1](creation, 1.0)
+            vertices, faces = body.vertices * sizes, body.faces
+        else:
+            mesh = self._model.mesh(geom.dataid.item())
+            first, start = mesh.vertadr.item(), mesh.faceadr.item()
+            vertices = self._model.mesh_vert[first : first + mesh.vertnum.item()].astype(np.float64)
+            faces = self._model.mesh_face[start : start + mesh.facenum.item()]
+        self._faces += len(faces)
+        if self._faces > MAX_FACES:
+            raise InvalidInput(f"its shapes have {self._faces} faces or more, {MAX_FACES} are the most; decimate their meshes")
+        red, green, blue, _ = (round(255 * part) for part in self._color(geom).tolist())
+        look = Look.plain(len(vertices), len(faces), (red, green, blue))
+        vertices = np.round(transform_points(pose, vertices), DIGITS)
+        return Shape(kind if kind in PRIMITIVES else "mesh", size, pose, Mesh(vertices, np.array(faces, np.int32), look), rpy=rpy)
+
+    def _color(self, geom: Any) -> Array:
+        """Find the colour and opacity of a geom: its own, or that of its material where its own is the default, as in MuJoCo's viewer."""
+        material = geom.matid >= 0 and (geom.rgba == (0.5, 0.5, 0.5, 1.0)).all()
+        return np.clip(np.array(self._model.mat(geom.matid.item()).rgba if material else geom.rgba, np.float64), 0, 1)
+
+
+def _inertial(body: Any) -> Inertial | None:
+    pose, rpy = _rounded(_pose(body.ipos, body.iquat))
+    xx, yy, zz = body.inertia.tolist()
+    return Inertial(body.mass.item(), pose[:3, 3], rpy, (xx, 0.0, 0.0, yy, 0.0, zz)) if body.mass else None
+
+
+def _pose(position: ArrayLike, quaternion: ArrayLike = (1.0, 0.0, 0.0, 0.0)) -> Array:  # (4, 4)
+    pose = np.eye(4)
+    pose[:3, :3] = scipy.spatial.transform.Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+    pose[:3, 3] = position
+    return pose
+
+
+def _rounded(pose: Array) -> tuple[Array, tuple[float, ...]]:
+    """Round a pose (4, 4) to `DIGITS`, and return it with its roll, pitch and yaw, rad, from which engines make the same one."""
+    angles = scipy.spatial.transform.Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", suppress_warnings=True)
+    angles = np.round(angles, DIGITS) + 0.0  # no negative zeros
+    rounded = np.eye(4)
+    rounded[:3, :3] = rotation_from_euler(angles)
+    rounded[:3, 3] = np.round(pose[:3, 3], DIGITS) + 0.0
+    return rounded, tuple(angles.tolist())
