@@ -27,7 +27,7 @@ from pipeline.kernels.vision.camera import Camera, camera_pose, project_points, 
 
 ENTRIES: dict[Kind, set[str]] = {
     "sensor": {"w", "rows", "cols"},
-    "hand": {"urdf", "palm", "fingers"},
+    "hand": {"model", "urdf", "palm", "fingers"},
     "scene": {"cameras", "background"},
     "manifest": {"sources", "splits"},
     "observation": {"object", "camera", "touches"},

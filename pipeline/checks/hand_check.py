@@ -15,9 +15,9 @@ from pipeline.console import Meter, abbreviate, errors, pluralise, with_progress
 from pipeline.drawing.colors import finger_colors
 from pipeline.drawing.plots import save_figure
 from pipeline.errors import InvalidInput
-from pipeline.formats.hand_file import load_hand
+from pipeline.formats.hand_file import load_hand, read_model
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
-from pipeline.formats.urdf import ignored_limits, read_urdf
+from pipeline.formats.urdf import ignored_limits
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
 from pipeline.kernels.geometry.mesh_cleaning import POSITION
@@ -26,7 +26,7 @@ from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_box
 from pipeline.kernels.hand.convex_shapes import buried_gels, convex_error
 from pipeline.kernels.hand.grasp_ik import blocked_fingers, sample_postures
 from pipeline.kernels.hand.kinematics import forward_kinematics, opening, sensor_poses_from_links, sensor_positions
-from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.hand.model import Hand, Link
 from pipeline.kernels.hand.self_collision import LinkOverlap, frequent_overlaps, remedy
 from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.sensor import Sensor
@@ -82,6 +82,7 @@ REMEDIES = {
 def check_hand(path: Path, picture: Path) -> list[str]:
     """Describe a hand file and the links that collide, and draw it; parameters, result and errors as `check_file`."""
     hand = load_hand(path)
+    model = read_model(hand.model, hand.links[0].name)  # as it is, meshes and all
     sensors = load_worn_sensors(sensor_names(hand))
     angles = numpy_rng(0, "check", hand.name).uniform(hand.lower, hand.upper, (POSTURES, len(hand.lower)))
     boxes = collision_boxes(hand)
@@ -106,7 +107,8 @@ def check_hand(path: Path, picture: Path) -> list[str]:
         *faults,
         *(f"warning: {text}" for wholly, text in gels if not wholly),
         *(_overlap_line(hand, overlap) for overlap in overlaps),
-        *([] if unusable else _convex_notes(hand)),
+        *model.notes,
+        *([] if unusable else _convex_notes(hand, model.links)),
         *_notes(hand),
         *trial,
         f"picture: {picture}",
@@ -126,7 +128,7 @@ def _faults(hand: Hand, boxes: CollisionBoxes) -> Iterator[str]:
             still = f"the sensor {hand.sensors[number].name} hardly moves along its normal as its finger closes"
             yield f"{still}; is the normal outward, and the link the tip?"
     if (width := opening(hand)) > LARGE:
-        yield f"the hand opens {width:.3g} m; are lengths in its URDF or hand file in millimetres?"
+        yield f"the hand opens {width:.3g} m; are lengths in its model or hand file in millimetres?"
     places = sensor_positions(hand)
     nearest = np.linalg.norm(places - hand.palm_centre, axis=-1).min()
     farthest = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1).max()
@@ -143,9 +145,8 @@ def _overlap_line(hand: Hand, overlap: LinkOverlap) -> str:
     return f"overlap: [{names}] in {share}, by {depth}: write {remedy(hand, overlap)} into the hand file"
 
 
-def _convex_notes(hand: Hand) -> Iterator[str]:
+def _convex_notes(hand: Hand, links: Sequence[Link]) -> Iterator[str]:
     """Describe what convex shapes in place of collision meshes lose, and the hollows that they fill."""
-    links, _ = read_urdf(hand.urdf, hand.links[0].name)  # as they are, meshes and all
     meshed = [pair for pair in zip(links, hand.links, strict=True) if any(shape.kind == "mesh" for shape in pair[0].collisions)]
     measured = {
         link.name: convex_error(link, convex) for link, convex in with_progress(meshed, "measuring convex shapes", "links", after=1.0)
@@ -165,11 +166,11 @@ def _convex_notes(hand: Hand) -> Iterator[str]:
 def _notes(hand: Hand) -> Iterator[str]:
     yield from inertia_notes(hand)
     if geared := [hand.links[link].name for link in sorted(geared_links(hand))]:
-        yield f"as a URDF states no inertia of rotors, {GEARED_INERTIA:g} kg m² are added to links of coupled joints: {abbreviate(geared)}"
+        yield f"for the inertia of rotors, {GEARED_INERTIA:g} kg m² are added to links of coupled joints: {abbreviate(geared)}"
     if unseen := [link.name for link in hand.links if link.collisions and not link.visuals]:
         yield f"camera images do not show links that have collision shapes and no visual: {abbreviate(unseen)}"
     yield from (f"warning: {sentence}" for sentence in ignored_limits(hand))
-    for follower in hand.followers:  # many URDFs state their limits carelessly
+    for follower in hand.followers:  # many files state their limits carelessly
         joint = hand.joints[follower.link - 1]
         lower, upper = hand.follower_range(follower)
         slack = ROUNDED * (joint.upper - joint.lower)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, AliasChoices, Field, model_validator
 
 from pipeline.entries import Entries
 from pipeline.errors import InvalidInput, missing_name
@@ -16,18 +16,21 @@ from pipeline.formats.description_file import description_path, read_description
 from pipeline.formats.file_cache import Stamps, stamps_of
 from pipeline.formats.file_content import expanded
 from pipeline.formats.hand_joints import JointRoles, joint_roles, moved_links
+from pipeline.formats.mjcf import read_mjcf
+from pipeline.formats.mjcf_files import is_mjcf
 from pipeline.formats.urdf import read_urdf
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.convex_shapes import with_convex_shapes
-from pipeline.kernels.hand.model import Finger, Hand, Mount
+from pipeline.kernels.hand.model import Finger, Hand, HandModel, Mount
 from pipeline.kernels.hand.self_collision import overlapping_neighbours
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Direction = Annotated[Vector, AfterValidator(lambda vector: _not_zero(vector))]
 Label = Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{1,60}$")]  # a name of an array's entry, and of exported files
+TORQUE = 0.7  # N m (N), of motors by default, unless an MJCF states less
 MAX_SKEW = 1e-2
 """Cosine of the angle between a sensor's normal and columns from which it is no rounding: directions of three digits are read."""
 
@@ -35,7 +38,7 @@ MAX_SKEW = 1e-2
 class _SensorMount(Entries):
     """The mount of a sensor: fixed to the rigid surface of a link, its gel in front. All in the link's frame."""
 
-    link: str = Field(description="Link of the URDF; one that the finger's joints move.")
+    link: str = Field(description="Link of the model; one that the finger's joints move.")
     origin: Vector = Field(description="Middle of the sensor plane, the base of the gel, on the link's surface, m.")
     normal: Direction = Field(description="Out of the link, through the gel: the sensor's +z.")
     columns: Direction = Field(description="Along the columns of the image, across the normal: the sensor's +x.")
@@ -66,7 +69,7 @@ class _FingerEntry(Entries):
 
     name: Label = Field(description="Name of the finger in messages, and of its sensor.")
     joints: list[str] = Field(
-        min_length=1, description="Joints of the URDF that move it, and no other finger; names such as 0 or yes in quotes."
+        min_length=1, description="Joints of the model that move it, and no other finger; names such as 0 or yes in quotes."
     )
     sensor: _SensorMount | None = Field(None, description="Its sensor, if it has one.")
     sensors: list[_SensorMount] = Field([], description="Several, instead of `sensor`.")
@@ -80,7 +83,7 @@ class _FingerEntry(Entries):
 class _PalmEntry(Entries):
     """The palm; points and directions are in its link's frame."""
 
-    link: str = Field(description="Link of the URDF that the fingers grow from; an arm or a floating base above it is ignored.")
+    link: str = Field(description="Link of the model that the fingers grow from; an arm or a floating base above it is ignored.")
     facing: Direction = Field(description="The palm's outward normal, towards where objects are grasped.")
     centre: Vector = Field(
         description="The point that is set 5 to 60 mm from an object, m; for a hand with long fingers, a point between them."
@@ -89,10 +92,13 @@ class _PalmEntry(Entries):
 
 
 class HandFile(Entries):
-    """A robot hand: a URDF, and what it does not state. Lengths are metres."""
+    """A robot hand: a URDF or an MJCF, and what it does not state. Lengths are metres."""
 
     name: str = Field(description="Name of the hand, recorded in grasps.")
-    urdf: str = Field(description="Path of the URDF, from the hand file; xacro, MJCF and SDF are not read.")
+    model: str = Field(
+        validation_alias=AliasChoices("model", "urdf"),
+        description="Path of a URDF or MJCF, from the hand file; xacro and SDF are not read. `urdf` is its older name.",
+    )
     sensor: str | None = Field(None, description="The sensor that fingers wear: a shipped one, or a path from the hand file.")
     palm: _PalmEntry = Field(description="Where the hand is set over an object.")
     fingers: list[_FingerEntry] = Field(min_length=1, description="One or more; a moving joint is in one of them, or `frozen`.")
@@ -104,7 +110,12 @@ class HandFile(Entries):
         {},
         description="Hollow or bent links, each of whose meshes is cut into this many slabs; other meshes become one convex hull.",
     )
-    torque: float = Field(0.7, gt=0, le=1e6, description="Maximum torque of the motors, N m (N for a joint that slides).")
+    torque: float | None = Field(
+        None,
+        gt=0,
+        le=1e6,
+        description=f"Maximum torque of the motors, N m (N for a joint that slides); by default {TORQUE}, or what an MJCF's weakest has.",
+    )
     friction: float = Field(
         0.5,
         ge=0,
@@ -145,7 +156,7 @@ def _unit(vector: Vector) -> Array:
 def load_hand(
     name: str | Path,  # of a shipped hand (`allegro_right`), or the path of a hand file
 ) -> Hand:
-    """Read a hand with its URDF and meshes; heavy collision meshes become convex shapes (`with_convex_shapes`)."""
+    """Read a hand with its URDF or MJCF and meshes; heavy collision meshes become convex shapes (`with_convex_shapes`)."""
     path = description_path("hand", name).resolve()
     if path in _cached:
         stamps, hand = _cached[path]
@@ -163,17 +174,23 @@ _cached: dict[Path, tuple[Stamps | None, Hand]] = {}
 
 def _read(path: Path) -> Hand:
     file = read_description("hand", path, HandFile)
-    urdf = path.parent / expanded(file.urdf)
-    if not os.path.isfile(urdf):
-        raise InvalidInput(f"{path}: there is no urdf {file.urdf!r} ({urdf}); give a path relative to the hand file, or an absolute one")
+    model = path.parent / expanded(file.model)
+    if not os.path.isfile(model):
+        raise InvalidInput(f"{path}: there is no model {file.model!r} ({model}); give a path relative to the hand file, or an absolute one")
     try:
-        return _assemble(file, path, urdf)
+        return _assemble(file, path, model)
     except InvalidInput as error:
-        raise InvalidInput(f"hand file {path} with {urdf.name}: {error}") from error
+        raise InvalidInput(f"hand file {path} with {model.name}: {error}") from error
 
 
-def _assemble(file: HandFile, path: Path, urdf: Path) -> Hand:
-    links, joints = read_urdf(urdf, file.palm.link)
+def read_model(path: Path, root: str) -> HandModel:
+    """Read a URDF or an MJCF, its link `root` and those below it alone."""
+    return read_mjcf(path, root) if is_mjcf(path) else HandModel(*read_urdf(path, root))
+
+
+def _assemble(file: HandFile, path: Path, model: Path) -> Hand:
+    described = read_model(model, file.palm.link)
+    links, joints = described.links, described.joints
     numbers = {link.name: number for number, link in enumerate(links)}
     named = [("link", name) for name in (*file.convex_parts, *chain(*file.allowed_contacts))]
     named += [("sensor link", mount.link) for _, _, mount in file.mounts]
@@ -188,7 +205,7 @@ def _assemble(file: HandFile, path: Path, urdf: Path) -> Hand:
     hand = Hand(
         name=file.name,
         path=path,
-        urdf=urdf,
+        model=model,
         links=tuple(with_convex_shapes(link, file.convex_parts.get(link.name)) for link in links),
         joints=roles.joints,
         joint_links=tuple(joint.child for joint in roles.independent),
@@ -201,8 +218,9 @@ def _assemble(file: HandFile, path: Path, urdf: Path) -> Hand:
         palm_centre=np.array(file.palm.centre, np.float64),
         followers=roles.followers,
         frozen=roles.frozen,
-        torque=file.torque,
+        torque=file.torque or min(TORQUE, described.torque or TORQUE),
         friction=file.friction,
+        model_files=described.files,
     )
     pairs = [sorted((numbers[one], numbers[other])) for one, other in file.allowed_contacts]
     stated = frozenset((first, second) for first, second in pairs)

@@ -25,7 +25,7 @@ def joint_roles(
     used: Sequence[str],  # joints of all fingers, finger by finger; those that mimic another one may be missing
     frozen: Mapping[str, float],  # angles of joints that no finger uses, rad (m)
 ) -> JointRoles:
-    """Find the role of each joint of a URDF, parents first; each moving one must have one."""
+    """Find the role of each joint of a model, parents first; each moving one must have one."""
     moving = {joint.name: joint for joint in joints if joint.kind in MOVING}
     for name in (*used, *frozen):
         if name not in moving:

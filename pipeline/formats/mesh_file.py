@@ -34,11 +34,11 @@ READERS: Mapping[str, Callable[[Companions, Textures], Iterable[Mesh]]] = {
 """The reader of each format: it yields the parts of a file, each in its pose, and appends what is not read to `Companions.unread`."""
 
 
-def parse_mesh(file: Path, root: Path) -> Mesh:
+def parse_mesh(file: Path, root: Path | str) -> Mesh:
     """Read a mesh file in this process, without limits; otherwise like `mesh_reader.load_mesh`."""
     if file.suffix.lower() not in READERS:
         raise InvalidInput(f"{file.name} cannot be read; convert it to one of {', '.join(MESH_SUFFIXES)}")
-    companions = Companions(file, root)
+    companions = Companions(file, Path(root))
     parts, faces, vertices = list[Mesh](), 0, 0
     try:
         for part in READERS[file.suffix.lower()](companions, Textures(companions, companions.unread)):

@@ -1,4 +1,4 @@
-"""Read mesh files in a separate process: each in a fork of it, which the kernel stops at a limit of memory and of time.
+"""Read mesh files and MJCF in a separate process: each in a fork of it, which the kernel stops at a limit of memory and of time.
 
 A small file may need more memory or time than there is. A limit set in this process would apply to its other threads, and to memory that
 it had freed before; an exception stops no native code. A fork of a process that does nothing else starts equal for every file.
@@ -16,8 +16,9 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.geometry.mesh import Mesh
@@ -38,7 +39,17 @@ def load_mesh(file: Path, root: Path | None = None) -> Mesh:
 
     The files that it names must be below `root`, by default its folder. It is read in a process limited to `BYTES` and `SECONDS`.
     """
-    root = root or file.parent
+    mesh: Mesh = read_within_limits("mesh_file", "parse_mesh", file, os.path.abspath(root or file.parent))
+    return mesh
+
+
+def read_within_limits(
+    module: str,  # in `pipeline.formats`
+    function: str,  # takes the file and the text
+    file: Path,
+    text: str,
+) -> Any:
+    """Call a function that reads a file, in a process limited to `BYTES` and `SECONDS`; return its value, or raise its error."""
     with _lock:
         reader = _readers.get(os.getpid())
         if reader and reader.poll() is not None:
@@ -46,7 +57,7 @@ def load_mesh(file: Path, root: Path | None = None) -> Mesh:
             reader = None
         reader = reader or _readers.setdefault(os.getpid(), _start())
         try:
-            answer = _ask(reader, file, root)
+            answer = _ask(reader, module, function, file, text)
         except BaseException:  # part of an answer may be unread
             end_reader()
             raise
@@ -67,26 +78,27 @@ def serve() -> None:
     """Read the files that standard input names; end when there are no more, or with the status of a fork that failed."""
     import PIL.Image
 
-    from pipeline.formats.mesh_file import parse_mesh
+    import pipeline.formats.mesh_file  # noqa: F401 (as the next line)
 
     PIL.Image.init()  # what readers need is imported before a limit applies
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     for line in sys.stdin.buffer:
-        file, root, size, seconds = json.loads(line)
+        module, function, file, text, size, seconds = json.loads(line)
         if not (fork := os.fork()):
-            _answer(lambda: parse_mesh(Path(file), Path(root)), answers, {resource.RLIMIT_DATA: size, resource.RLIMIT_CPU: seconds})  # noqa: B023
+            read = getattr(import_module(f"pipeline.formats.{module}"), function)
+            _answer(lambda: read(Path(file), text), answers, {resource.RLIMIT_DATA: size, resource.RLIMIT_CPU: seconds})  # noqa: B023
         if status := os.waitstatus_to_exitcode(os.waitpid(fork, 0)[1]):
             os._exit(status if status > 0 else 128 - status)
 
 
-def _answer(read: Callable[[], Mesh], answers: IO[bytes], limits: dict[int, int]) -> None:
-    """Write a mesh or an error, and end this process."""
+def _answer(read: Callable[[], Any], answers: IO[bytes], limits: dict[int, int]) -> None:
+    """Write what was read or an error, and end this process."""
     try:
         for kind, limit in {**limits, resource.RLIMIT_CORE: 0}.items():
             soft, hard = resource.getrlimit(kind)
             resource.setrlimit(kind, (min([limit, *(current for current in (soft, hard) if current != resource.RLIM_INFINITY)]), hard))
-        answer: Mesh | Exception
+        answer: Any
         try:
             answer = read()
         except InvalidInput as error:
@@ -120,14 +132,13 @@ def _start() -> subprocess.Popen[bytes]:
     )
 
 
-def _ask(reader: subprocess.Popen[bytes], file: Path, root: Path) -> Mesh | Exception:
+def _ask(reader: subprocess.Popen[bytes], module: str, function: str, file: Path, text: str) -> Any:
     if reader.stdin is None or reader.stdout is None:
         raise ValueError("a reader without pipes")
     try:
-        reader.stdin.write(json.dumps([os.path.abspath(file), os.path.abspath(root), BYTES, SECONDS]).encode() + b"\n")
+        reader.stdin.write(json.dumps([module, function, os.path.abspath(file), text, BYTES, SECONDS]).encode() + b"\n")
         reader.stdin.flush()
-        answer: Mesh | Exception = pickle.load(reader.stdout)
-        return answer
+        return pickle.load(reader.stdout)
     except (BrokenPipeError, EOFError, pickle.UnpicklingError):  # it ended before, or in, its answer
         return _failure(file.name, reader.wait())
 

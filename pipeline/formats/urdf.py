@@ -6,7 +6,7 @@ processor's, and with them every pose that follows.
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -41,9 +41,7 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
     robot = parse_urdf(path)
     try:
         for kind in ("link", "joint"):  # hand files and physics name them
-            counts = Counter(element.get("name", "") for element in robot.findall(kind))
-            if twice := [name for name, count in counts.items() if name and count > 1]:
-                raise InvalidInput(f"it has {counts[twice[0]]} {kind}s called {twice[0]!r}; rename all but one")
+            refuse_namesakes(kind, [element.get("name", "") for element in robot.findall(kind)])
         names, joints = _tree(robot, root)
         materials = _materials(robot)
         named = {_name(element): element for element in robot.findall("link")}
@@ -56,6 +54,13 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
         return links, tuple(_joint(joint, numbers) for joint in joints)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from error
+
+
+def refuse_namesakes(kind: str, names: Iterable[str]) -> None:
+    """Refuse links or joints of one name."""
+    counts = Counter(names)
+    if twice := [name for name, count in counts.items() if name and count > 1]:
+        raise InvalidInput(f"it has {counts[twice[0]]} {kind}s called {twice[0]!r}; rename all but one")
 
 
 def _materials(robot: Element) -> dict[str, Color]:
@@ -202,7 +207,7 @@ def parse_urdf(path: Path) -> Element:
         robot = parse_xml(_decode(content))
         _check_format(robot)
     except (expat.ExpatError, ValueError) as error:
-        reason = error if isinstance(error, InvalidInput) else f"it is not XML ({error}); a hand's `urdf` must be a URDF file"
+        reason = error if isinstance(error, InvalidInput) else f"it is not XML ({error}); a hand's `model` must be a URDF or an MJCF file"
         raise InvalidInput(f"{path}: {reason}") from error
     for shape in robot.iterfind(".//geometry/*"):
         shape.tag = shape.tag.removeprefix("drake:")  # Drake's `<drake:capsule>`: the physics engines know it without
@@ -222,7 +227,9 @@ def _decode(content: bytes) -> str:
 
 def _check_format(robot: Element) -> None:
     if robot.tag != "robot":
-        raise InvalidInput(f"its root is <{robot.tag}>; a hand's `urdf` must be a URDF file, whose root is <robot>: convert it")
+        raise InvalidInput(
+            f"its root is <{robot.tag}>; a hand's `model` must be a URDF file, whose root is <robot>, or an MJCF file, whose root is <mujoco>: convert it"
+        )
     if (parts := sum(element.tag in ("link", "joint", "visual", "collision") for element in robot.iter())) > MAX_PARTS:
         raise InvalidInput(f"it has {parts} links, joints and shapes, {MAX_PARTS} are the most")
     for element in robot.iter():

@@ -77,11 +77,11 @@ def mesh_path(name: str, folder: Path) -> tuple[Path, Path]:
     """
     folder = folder.resolve()
     ancestors = list(islice((folder, *folder.parents), MAX_LEVELS))
-    root = next((ancestor for ancestor in ancestors if _is_package(ancestor)), folder.parent)
+    root = package_around(folder) or folder.parent
     scheme, _, rest = name.rpartition("://")
     if scheme not in ("package", "model"):
         path = folder / name.removeprefix("file://")
-        if _is_below(path, root):
+        if is_below(path, root):
             return path, root
         raise InvalidInput(f"{name!r} lies outside {root}, the package of the URDF; {REMEDY}")
     package, _, inner = rest.partition("/")
@@ -89,18 +89,24 @@ def mesh_path(name: str, folder: Path) -> tuple[Path, Path]:
     candidates += [(folder / inner, root) for folder in ancestors if inner]
     existing = [(path, limit) for path, limit in candidates if path.is_file()]
     for path, limit in existing:
-        if _is_below(path, limit):
+        if is_below(path, limit):
             return path, limit
     if existing:
         raise InvalidInput(f"{name} is {existing[0][0]}, outside {root}, the package of the URDF; {REMEDY}")
     raise InvalidInput(f"{name} is in no folder around {folder}; put package {package!r} beside the URDF, or write paths relative to it")
 
 
+def package_around(folder: Path) -> Path | None:
+    """Find the nearest folder around a resolved one, or itself, that has a `package.xml`."""
+    return next((ancestor for ancestor in islice((folder, *folder.parents), MAX_LEVELS) if _is_package(ancestor)), None)
+
+
 def _is_package(folder: Path) -> bool:
     return (folder / "package.xml").is_file()
 
 
-def _is_below(path: Path, root: Path) -> bool:
+def is_below(path: Path, root: Path) -> bool:
+    """Check whether a path, as its links lead, is in a folder."""
     try:
         return path.resolve().is_relative_to(root.resolve())
     except (OSError, ValueError, RuntimeError) as error:  # too long, a zero byte, a link to itself

@@ -55,18 +55,17 @@ def geared_links(hand: Hand) -> set[int]:
 
 
 def inertia_notes(hand: Hand) -> list[str]:
-    """Name the links whose mass or inertia is estimated, because the URDF states none, or one that no body can have."""
+    """Name the links whose mass or inertia is estimated, because none is stated, or one that no body can have."""
     massless = [link.name for link in hand.links if link.inertial is None]
     guessed = [link.name for link in hand.links if link.inertial is not None and _possible_moments(link) is None]
     notes = []
     if massless:
         notes.append(
-            f"the URDF states no mass for {abbreviate(massless)}: estimated at {DENSITY:g} kg/m³ of the collision shapes, "
-            "at least 1 g per link"
+            f"no mass is stated for {abbreviate(massless)}: estimated at {DENSITY:g} kg/m³ of the collision shapes, at least 1 g per link"
         )
     if guessed:
         notes.append(
-            f"the URDF states no <inertia> that a body of that mass and size can have for {abbreviate(guessed)}: estimated from mass and "
+            f"no <inertia> is stated that a body of that mass and size can have for {abbreviate(guessed)}: estimated from mass and "
             "collision shapes; give positive moments in kg m², none greater than the sum of the two others"
         )
     return notes

@@ -17,7 +17,7 @@ from stages.simulate_grasps.prepare import prepare_hand
 from stages.simulate_grasps.stage import GraspSettings, SimulateGrasps
 from tests.checks.edited_descriptions import edited
 
-URDF = load_hand("two_finger_gripper").urdf
+URDF = load_hand("two_finger_gripper").model
 DESCRIBED = description_path("hand", "two_finger_gripper").read_text()
 
 

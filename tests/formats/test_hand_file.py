@@ -28,7 +28,7 @@ def hand() -> Hand:
 
 def test_hand_file_finds_links_and_joints_of_another_urdf_by_name(hand: Hand, tmp_path: Path, rng: np.random.Generator) -> None:
     """The URDF has other names, another order of links, and spheres in place of visual meshes."""
-    text = hand.urdf.read_text()
+    text = hand.model.read_text()
     text = text.replace("link_", "l-").replace("joint_", "j-").replace("base_link", "palm")
     text = re.sub(r'<mesh filename="[^"]*"/>', '<sphere radius="0.01"/>', text)
     body = re.findall(r"  <link .*?</link>\n", text, re.S)
@@ -57,7 +57,7 @@ def test_hand_file_finds_links_and_joints_of_another_urdf_by_name(hand: Hand, tm
         ("fingers:", "allowed_contacts: [[link_0.0, link_9]]\nfingers:", "there is no link 'link_9'"),
         ("fingers:", "convex_parts: {link_9: 3}\nfingers:", "there is no link 'link_9'"),
         ("normal: [1, 0, 0]", "normal: [0, 1, 0.1]", "and columns (0.0, 1.0, 0.0) are 5.7° apart; make it 90°"),
-        ("urdf: allegro_right.urdf", "urdf: nowhere.urdf", "there is no urdf 'nowhere.urdf'"),
+        ("urdf: allegro_right.urdf", "urdf: nowhere.urdf", "there is no model 'nowhere.urdf'"),
         ("palm:", "palms:", "palms"),
         ("name: index", 'name: "my/index"', "fingers.0.name: String should match pattern"),
         (
@@ -76,7 +76,7 @@ def test_hand_file_finds_links_and_joints_of_another_urdf_by_name(hand: Hand, tm
 def test_unusable_hand_file_is_refused_with_the_entry(hand: Hand, tmp_path: Path, old: str, new: str, message: str) -> None:
     text = hand.path.read_text().replace(old, new, 1)
     path = tmp_path / "wrong.yaml"
-    path.write_text(text.replace("urdf: allegro_right.urdf", f"urdf: {hand.urdf}"))
+    path.write_text(text.replace("urdf: allegro_right.urdf", f"urdf: {hand.model}"))
     with pytest.raises(InvalidInput, match=re.escape(message)) as error:
         load_hand(path)
     assert str(path) in str(error.value)
@@ -86,7 +86,7 @@ def test_rounded_directions_of_a_sensor_are_made_perpendicular(hand: Hand, tmp_p
     turn = Rotation.from_euler("xyz", [0.3, 0.5, 0.7]).as_matrix()
     normal, columns = ([round(float(value), 3) for value in turn[:, axis]] for axis in (2, 0))
     text = hand.path.read_text().replace("normal: [1, 0, 0], columns: [0, 1, 0]", f"normal: {normal}, columns: {columns}", 1)
-    (path := tmp_path / "turned.yaml").write_text(text.replace("urdf: allegro_right.urdf", f"urdf: {hand.urdf}"))
+    (path := tmp_path / "turned.yaml").write_text(text.replace("urdf: allegro_right.urdf", f"urdf: {hand.model}"))
     read = load_hand(path).sensors[0].pose[:3, :3]
     np.testing.assert_allclose(read.T @ read, np.eye(3), atol=1e-15)
     np.testing.assert_allclose(read, turn, atol=2e-3)
@@ -119,8 +119,8 @@ def test_rounded_directions_of_a_sensor_are_made_perpendicular(hand: Hand, tmp_p
 )
 def test_unusable_urdf_is_refused_with_the_part(hand: Hand, tmp_path: Path, old: str, new: str, message: str) -> None:
     path = tmp_path / "odd.urdf"
-    shutil.copytree(hand.urdf.parent / "allegro_right", tmp_path / "allegro_right")
-    path.write_text(re.sub(old, new, hand.urdf.read_text(), count=1))
+    shutil.copytree(hand.model.parent / "allegro_right", tmp_path / "allegro_right")
+    path.write_text(re.sub(old, new, hand.model.read_text(), count=1))
     with pytest.raises(InvalidInput, match=re.escape(message)) as error:
         read_urdf(path)
     assert str(path) in str(error.value)
@@ -128,7 +128,7 @@ def test_unusable_urdf_is_refused_with_the_part(hand: Hand, tmp_path: Path, old:
 
 def test_each_finger_may_wear_its_own_sensor(hand: Hand, tmp_path: Path) -> None:
     """Shipped sensors are given by name, others by a path from the hand file; a missing sensor is an error."""
-    file = yaml.safe_load(hand.path.read_text()) | {"urdf": str(hand.urdf)}
+    file = yaml.safe_load(hand.path.read_text()) | {"urdf": str(hand.model)}
     file["fingers"][1]["sensor"]["file"] = "gels/soft.yaml"
     path = tmp_path / "hand.yaml"
     path.write_text(yaml.safe_dump(file))
@@ -161,11 +161,11 @@ def test_sensor_for_all_fingers_is_found_from_any_folder(hand: Hand, ending: str
 
 def test_materials_and_textures_of_meshes_are_files_of_the_hand(hand: Hand, tmp_path: Path) -> None:
     """Files that change its images are part of their keys."""
-    shutil.copytree(hand.urdf.parent, tmp_path / "hand")
+    shutil.copytree(hand.model.parent, tmp_path / "hand")
     mesh = tmp_path / "hand" / "skin.obj"
     mesh.write_text("mtllib skin.mtl\nv 0 0 0\nv 0.01 0 0\nv 0 0.01 0\nv 0 0 0.01\nusemtl skin\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
     (material := mesh.with_suffix(".mtl")).write_text("newmtl skin\nKd 0.5 0.2 0.1\n")
-    urdf = tmp_path / "hand" / hand.urdf.name
+    urdf = tmp_path / "hand" / hand.model.name
     urdf.write_text(re.sub(r'<mesh filename="[^"]*"/>', '<mesh filename="skin.obj"/>', urdf.read_text(), count=1))
     path = shutil.copy(hand.path, tmp_path / "hand")
     assert {mesh.resolve(), material.resolve()} <= {file.resolve() for file in load_hand(path).files}

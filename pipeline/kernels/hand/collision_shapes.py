@@ -64,12 +64,12 @@ def collision_spheres(
             except (scipy.spatial.QhullError, ValueError) as error:
                 shape_name = shape.path or f"{shape.kind} of size {shape.size}"
                 fault = f"collision shape {shape_name} of link {link.name} is flat or not finite"
-                raise InvalidInput(f"{hand.urdf}: {fault}; give it a thickness, or put a box in its place") from error
+                raise InvalidInput(f"{hand.model}: {fault}; give it a thickness, or put a box in its place") from error
             extent = np.ptp(hull.points, axis=0)
             if (extent / spacing + 1).prod() > MAX_LATTICE:
                 sides = " x ".join(f"{side:.3g}" for side in extent)
                 fault = f"a collision shape of link {link.name} is {sides} m large"
-                raise InvalidInput(f"{hand.urdf}: {fault}; is the scale of its mesh right?")
+                raise InvalidInput(f"{hand.model}: {fault}; is the scale of its mesh right?")
             points, depth = _fill(hull, spacing)
             kept = _prune(points, depth, tolerance) if tolerance > 0 else np.arange(len(points))
             filled_shapes.append((points[kept], depth[kept], np.full(len(kept), number, np.intp)))

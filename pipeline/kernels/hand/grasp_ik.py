@@ -133,7 +133,7 @@ def prepare_grasp_ik(
     """Sample a Sobol sequence in each finger's joints; refuse hands that hardly have a posture without collisions."""
     fingers, gels, boxes = tuple(spheres.of_links(finger.links) for finger in hand.fingers), gel_grid(hand, sensors), collision_boxes(hand)
     if shapeless := [finger.name for finger, own_spheres in zip(hand.fingers, fingers, strict=True) if not len(own_spheres.radii)]:
-        raise InvalidInput(f"{hand.urdf}: no link of {', '.join(shapeless)} has a collision shape; add one to a link of each finger")
+        raise InvalidInput(f"{hand.model}: no link of {', '.join(shapeless)} has a collision shape; add one to a link of each finger")
     postures = sample_postures(hand, boxes, samples=samples, gap=finger_gap)
     if blocked := blocked_fingers(hand, boxes, postures, gap=finger_gap):
         raise InvalidInput("; ".join(blocked))

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,7 +31,7 @@ class Inertial:
     mass: float  # kg
     centre: Array  # (3,) in the link's frame, m
     rpy: tuple[float, ...]  # rad, turn of the frame of the moments
-    moments: tuple[float, ...] | None  # xx, xy, xz, yy, yz, zz, kg m²; None where the URDF does not state them
+    moments: tuple[float, ...] | None  # xx, xy, xz, yy, yz, zz, kg m²; None where none are stated
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,7 @@ class Link:
     name: str
     visuals: tuple[Shape, ...]
     collisions: tuple[Shape, ...]
-    inertial: Inertial | None = None  # None where the URDF states no mass
+    inertial: Inertial | None = None  # None where no mass is stated
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Joint:
     child: int
     origin: Array  # (4, 4) the child's frame in the parent's at rest
     axis: Array  # (3,) unit vector in the child's frame
-    lower: float  # rad, of a prismatic joint m; as the URDF states it, also of a continuous joint
+    lower: float  # rad, of a prismatic joint m; as the file states it, also of a continuous joint
     upper: float
     mimic: Mimic | None = None  # names the joint that it follows
     rpy: tuple[float, ...] | None = None  # rad, as of a `Shape`; None where the joint is frozen
@@ -73,6 +74,16 @@ class Joint:
     def limits(self) -> tuple[float, float]:
         """Its range, rad (m): a full turn of a continuous joint."""
         return (-np.pi, np.pi) if self.kind == "continuous" else (self.lower, self.upper)
+
+
+class HandModel(NamedTuple):
+    """What a URDF or an MJCF describes."""
+
+    links: tuple[Link, ...]  # the root first, parents before children
+    joints: tuple[Joint, ...]  # joint i moves link i + 1
+    files: tuple[Path, ...] = ()  # that an MJCF names: includes, meshes, textures; a URDF's are those of its shapes
+    notes: tuple[str, ...] = ()  # what is ignored, or taken otherwise than the file says
+    torque: float | None = None  # N m (N), the least limit of its actuators
 
 
 @dataclass(frozen=True)
@@ -113,13 +124,13 @@ class Finger:
 class Hand:
     """A hand of L links, J joints that move, F fingers and S sensors.
 
-    Links and joints are the URDF's tree: the root link first, parents before children, fixed joints included. The joint vector goes finger
+    Links and joints are the model's tree: the root link first, parents before children, fixed joints included. The joint vector goes finger
     by finger. Fingers and sensors are in the hand file's order: sensors finger by finger, those on the palm last.
     """
 
     name: str  # of the hand file
     path: Path  # of the hand file
-    urdf: Path
+    model: Path  # URDF or MJCF
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
     joint_links: tuple[int, ...]  # (J,) link that each entry of the joint vector moves, by `joints[link - 1]`
@@ -135,6 +146,7 @@ class Hand:
     allowed_contacts: frozenset[tuple[int, int]] = frozenset()  # links that may overlap, the lower number first
     torque: float = 0.7  # N m (N for a prismatic joint), of every joint's motor
     friction: float = 0.5  # coefficient of the links' surfaces
+    model_files: tuple[Path, ...] = ()  # that an MJCF names
 
     @property
     def link_fingers(self) -> Indices:
@@ -156,10 +168,10 @@ class Hand:
 
     @property
     def files(self) -> list[Path]:
-        """The files that describe this hand: hand file, URDF, meshes with their materials and textures."""
+        """The files that describe this hand: hand file, URDF or MJCF, what that includes, meshes with their materials and textures."""
         shapes = [shape for link in self.links for shape in (*link.visuals, *link.collisions)]
         meshes = {path for shape in shapes for path in (shape.path, *shape.beside) if path is not None}
-        return [self.path, self.urdf, *sorted(meshes)]
+        return [self.path, self.model, *sorted({*meshes, *self.model_files})]
 
     @property
     def visual_meshes(self) -> list[tuple[int, Mesh]]:

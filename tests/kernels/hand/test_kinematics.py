@@ -21,7 +21,7 @@ def angles_of(hand: Hand, rng: np.random.Generator, *shape: int) -> np.ndarray:
 def test_forward_kinematics_links_match_pybullet(hand: Hand, rng: np.random.Generator) -> None:
     client = pybullet.connect(pybullet.DIRECT)
     try:
-        body = pybullet.loadURDF(str(hand.urdf), useFixedBase=True, physicsClientId=client)
+        body = pybullet.loadURDF(str(hand.model), useFixedBase=True, physicsClientId=client)
         infos = [pybullet.getJointInfo(body, joint, physicsClientId=client) for joint in range(len(hand.joints))]
         joints = {info[1].decode(): info[0] for info in infos}
         links = {info[12].decode(): info[0] for info in infos}

@@ -1,0 +1,174 @@
+"""MJCF hands: links move as MuJoCo moves bodies, shapes lie where its geoms lie, and what cannot be read is named."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import PIL.Image
+import pytest
+import trimesh
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.mjcf import parse_mjcf, read_mjcf
+from pipeline.kernels.geometry.transforms import transform_points
+from pipeline.kernels.hand.kinematics import forward_kinematics
+from pipeline.kernels.hand.model import Hand
+
+HAND = """
+name: claw
+model: model/claw.xml
+sensor: gel_16mm
+palm: {link: palm, facing: [0, 0, 1], centre: [0, 0, 0.03]}
+frozen: {wrist: 0.3}
+fingers:
+  - {name: left, joints: [spread, left1, left-slide], sensor: {link: left-tip, origin: [0, 0, 0.05], normal: [1, 0, 0], columns: [0, 1, 0]}}
+  - {name: right, joints: [right1, right2], sensor: {link: right-tip, origin: [0, 0, 0.05], normal: [-1, 0, 0], columns: [0, 1, 0]}}
+"""
+MAIN = """
+<mujoco model="claw">
+  <compiler meshdir="meshes" texturedir="meshes" eulerseq="zyx"/>
+  <default>
+    <joint damping="0.1"/>
+    <default class="tip"><geom type="mesh" mesh="tip" material="red"/></default>
+    <default class="hinge"><joint axis="0 1 0" range="-20 90"/></default>
+  </default>
+  <asset>
+    <mesh name="tip" file="tip.stl" scale="0.001 0.001 0.002" refpos="1 2 3" refquat="1 1 0 0"/>
+    <texture name="skin" type="2d" file="skin.png"/>
+    <material name="red" texture="skin" rgba="1 0.5 0.5 1"/>
+  </asset>
+  <worldbody>
+    <light pos="0 0 1"/>
+    <body name="arm" pos="0.3 0.2 0.1" euler="10 20 30">
+      <freejoint/>
+      <geom size="0.05"/>
+      <body name="palm" pos="0.1 0 0" quat="0.3 0.4 0.5 0.6" childclass="hinge">
+        <joint name="shoulder"/>
+        <geom type="box" size="0.03 0.02 0.01" pos="0 0 -0.01" euler="0 0 40"/>
+        <camera name="eye" pos="0 0 1"/>
+        <site name="grip"/>
+        <include file="left.xml"/>
+        <body name="right" pos="-0.03 0 0.01" axisangle="0 0 1 170">
+          <joint name="right1" pos="0.002 0.001 -0.003" ref="15"/>
+          <joint name="right2" axis="1 1 0" pos="-0.001 0 0.004" ref="-5"/>
+          <geom type="capsule" fromto="0 0 0 0.005 0 0.03" size="0.008"/>
+          <body name="right-tip" pos="0 0 0.03">
+            <joint name="right3" ref="20" range="-90 90"/>
+            <geom class="tip" pos="0 0.001 0.01" quat="1 0.2 0 0"/>
+            <geom type="ellipsoid" size="0.01 0.012 0.02"/>
+          </body>
+        </body>
+        <body name="stump" pos="0 0.03 0" xyaxes="0 1 0 -1 0 0"><geom type="cylinder" size="0.01 0.02" contype="0" group="4"/></body>
+      </body>
+    </body>
+    <body name="object" pos="0 0 1"><freejoint/><geom size="0.1"/></body>
+  </worldbody>
+  <tendon><fixed name="pull"><joint joint="left1" coef="2"/><joint joint="left2" coef="-1"/></fixed></tendon>
+  <equality>
+    <joint joint1="right3" joint2="right2" polycoef="0.1 0.5 0 0 0"/>
+    <joint joint1="left1" joint2="spread" active="false"/>
+  </equality>
+  <contact><exclude body1="palm" body2="left"/></contact>
+  <actuator>
+    <position joint="spread" kp="1" forcerange="-3 3"/>
+    <motor tendon="pull" gear="0.25" ctrlrange="-1 1"/>
+    <position joint="right1" kp="1"/>
+    <position joint="right2" kp="1" forcerange="-2 2"/>
+  </actuator>
+  <keyframe><key/></keyframe>
+</mujoco>
+"""
+LEFT = """
+<mujocoinclude>
+  <body name="left" pos="0.03 0 0.01">
+    <joint name="wrist" axis="0 0 1" range="-45 45"/>
+    <joint name="spread" axis="1 0 0" range="-20 20"/>
+    <joint name="left1"/>
+    <geom type="sphere" size="0.01"/>
+    <include file="parts/tip.xml"/>
+  </body>
+</mujocoinclude>
+"""
+TIP = """
+<mujocoinclude>
+  <body name="left-tip" pos="0 0 0.03">
+    <joint name="left2" range="-180 180"/>
+    <joint name="left-slide" type="slide" axis="0 0 2" range="0 0.02" ref="0.01"/>
+    <geom class="tip" type="mesh"/>
+    <geom class="tip" contype="0" conaffinity="0" rgba="0 0 1 1"/>
+  </body>
+</mujocoinclude>
+"""
+
+
+@pytest.fixture(scope="module")
+def claw(tmp_path_factory: pytest.TempPathFactory) -> Hand:
+    return load_hand(write_claw(tmp_path_factory.mktemp("claw")))
+
+
+def write_claw(folder: Path) -> Path:
+    (folder / "model" / "meshes").mkdir(parents=True)
+    (folder / "model" / "parts").mkdir()
+    (folder / "model" / "claw.xml").write_text(MAIN)
+    (folder / "model" / "left.xml").write_text(LEFT)
+    (folder / "model" / "parts" / "tip.xml").write_text(TIP)
+    trimesh.creation.cone(radius=8, height=15, sections=9).export(folder / "model" / "meshes" / "tip.stl")
+    PIL.Image.new("RGB", (4, 4), (200, 100, 50)).save(folder / "model" / "meshes" / "skin.png")
+    (folder / "hand.yaml").write_text(HAND)
+    return folder / "hand.yaml"
+
+
+def posed(hand: Hand, angles: Sequence[float]) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Give MuJoCo's model of a hand a posture."""
+    model = mujoco.MjModel.from_xml_path(str(hand.model))
+    data = mujoco.MjData(model)
+    set_posture(hand, data, angles)
+    mujoco.mj_kinematics(model, data)
+    return model, data
+
+
+def set_posture(hand: Hand, data: mujoco.MjData, angles: Sequence[float]) -> None:
+    values = dict(zip(hand.joint_names, angles, strict=True)) | dict(hand.frozen)
+    values |= {hand.joints[follower.link - 1].name: follower.of(np.asarray(angles)) for follower in hand.followers}
+    for name, value in values.items():
+        data.joint(name).qpos = value
+
+
+def pose_of(body: mujoco.MjData) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = body.xmat.reshape(3, 3), body.xpos
+    return pose
+
+
+def test_links_are_where_mujoco_has_its_bodies(claw: Hand, rng: np.random.Generator) -> None:
+    model = mujoco.MjModel.from_xml_path(str(claw.model))
+    data = mujoco.MjData(model)
+    angles = rng.uniform(claw.lower, claw.upper, (1000, len(claw.lower)))
+    bodies = {number: link.name for number, link in enumerate(claw.links) if "/" not in link.name}
+    assert list(bodies.values()) == ["palm", "left", "left-tip", "right", "right-tip", "stump"]
+    frames = forward_kinematics(claw, np.eye(4), angles)
+    for posture, expected in zip(angles, frames, strict=True):
+        set_posture(claw, data, posture)
+        mujoco.mj_kinematics(model, data)
+        palm = np.linalg.inv(pose_of(data.body("palm")))
+        for number, name in bodies.items():
+            np.testing.assert_allclose(palm @ pose_of(data.body(name)), expected[number], atol=1e-8)
+
+
+def test_points_of_shapes_lie_in_mujocos_geoms(claw: Hand) -> None:
+    model, data = posed(claw, [*(claw.lower + claw.upper) / 2])
+    frames = forward_kinematics(claw, pose_of(data.body("palm")), (claw.lower + claw.upper) / 2)
+    for number, link in enumerate(claw.links):
+        if "/" in link.name:
+            continue
+        body = model.body(link.name).id
+        geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == body and model.geom_contype[geom]]
+        for shape, geom in zip(link.collisions, geoms, strict=True) if link.name != "stump" else []:
+            points = transform_points(frames[number], shape.mesh.vertices)
+            local = (points - data.geom_xpos[geom]) @ data.geom_xmat[geom].reshape(3, 3)
+            low, high = model.geom_aabb[geom, :3] - model.geom_aabb[geom, 3:], model.geom_aabb[geom, :3] + model.geom_aabb[geom, 3:]
+            np.testing.assert_allclose(local.min(axis=0), low, atol=1e-3 * (high - low).max())
+            np.testing.assert_allclose(local.max(axis=0), high, atol=1e-3 * (high - low).max())
