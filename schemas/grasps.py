@@ -1,4 +1,4 @@
-"""Schema of `grasps`, from `simulate-grasps`: poses of the hand and its sensors in the best grasps, and statistics of all attempts."""
+"""Schema of `grasps`, from `simulate-grasps` or `read-grasps`: poses of hand and sensors in the best grasps, statistics of attempts."""
 
 from schemas.base import Array, Artifact, coordinates
 
@@ -99,6 +99,20 @@ GRASPS = Artifact(
             "float32",
             "m",
             "Depth of the deepest rigid point inside the object, or of the object inside a rigid link; the gel is soft.",
+        ),
+        "grasp_files": Array(
+            "object",
+            "string",
+            "1",
+            "From `read-grasps`: file and number of each grasp, one per line, 0 first. Grasps beyond the last line are empty.",
+            optional=True,
+        ),
+        "refused_grasps": Array(
+            "object",
+            "string",
+            "1",
+            "From `read-grasps`: grasps of its files that are not among them, with reasons, one per line.",
+            optional=True,
         ),
         "attempts": Array("object", "int32", "1", "Placements of the hand tried, before the best were chosen."),
         "attempt_success": Array(

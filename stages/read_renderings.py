@@ -1,13 +1,13 @@
 """`read-renderings`: the cited renderings of every object, with their cameras in its world (supplement 3.6)."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from pipeline.config.settings import ObjectSettings, setting
+from pipeline.config.sources import Object
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.rendering_folder import PIXELS, image_name, read_renderings, rendering_files
@@ -41,9 +41,9 @@ class ReadRenderings(ObjectStage):
     def inputs(self, settings: RenderingSettings) -> tuple[Artifact, ...]:
         return (SURFACES,)
 
-    def files(self, source: Mapping[str, Any]) -> list[Path]:
+    def files(self, settings: RenderingSettings, item: Object) -> list[Path]:
         """List the images and their metadata."""
-        return rendering_files(Path(source["renderings"])) if "renderings" in source else []
+        return rendering_files(Path(item.source["renderings"])) if "renderings" in item.source else []
 
     def cost(self, settings: RenderingSettings) -> Cost:
         return Cost(seconds=0.3, kilobytes=200)

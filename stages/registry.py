@@ -28,6 +28,7 @@ from schemas.catalogue import ARTIFACTS
 
 BUILT_IN = {
     "sample-surfaces": "stages.sample_surfaces:SampleSurfaces",
+    "read-grasps": "stages.simulate_grasps.read_stage:ReadGrasps",
     "simulate-grasps": "stages.simulate_grasps.stage:SimulateGrasps",
     "render-vision": "stages.render_vision.stage:RenderVision",
     "simulate-touch": "stages.simulate_touch:SimulateTouch",
@@ -51,8 +52,8 @@ STAGES = {
 }
 """All stages: `BUILT_IN`, then those of plugins."""
 
-GRASP_STAGES = [name for name in BUILT_IN if "single-image" not in name and name != "read-renderings"]
-"""Stages for any manifest; the others need a manifest that names renderings."""
+GRASP_STAGES = [name for name in BUILT_IN if "single-image" not in name and not name.startswith("read-")]
+"""Stages for any manifest; the others need files of renderings or grasps."""
 
 DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
 """Stages that make a dataset."""

@@ -103,7 +103,7 @@ class ShardPlan(Plan):
                 row = collection.row(item.object_id)
                 inputs[collection.artifact.name] = row.digest
                 failure = failure or row.failure
-            if files := [path for path in self.stage.files(item.source) if path.is_file()]:  # the stage reports a missing one
+            if files := [path for path in self.stage.files(self.settings, item) if path.is_file()]:  # the stage reports a missing one
                 origin = {**inputs, "files": keys.assets_digest(files)}
         else:
             try:

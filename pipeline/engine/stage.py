@@ -110,8 +110,8 @@ class ObjectStage(Stage):
         """Report on a finished shard; by default nothing."""
         return ()
 
-    def files(self, source: Mapping[str, Any]) -> list[Path]:
-        """List the files of an object's source that are read beside the inputs' rows; their content belongs to the key. By default none."""
+    def files(self, settings: Any, item: Object) -> list[Path]:
+        """List the files of an object that are read beside the inputs' rows; their content belongs to the key. By default none."""
         return []
 
     def constants(self, settings: Any) -> Row:

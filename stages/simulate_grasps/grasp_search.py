@@ -3,44 +3,30 @@
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
-from pipeline.dataset.grasps import grasp_row
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.engine.stage import Inputs, Unit
 from pipeline.errors import InvalidInput
-from pipeline.kernels.arrays import Array, Array32
-from pipeline.kernels.geometry.transforms import length
-from pipeline.kernels.hand.distance_field import finger_clearance, penetration_depth
-from pipeline.kernels.hand.grasp import Grasp, closure_margin, contact_from_depth
-from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
+from pipeline.kernels.arrays import Array
+from pipeline.kernels.hand.distance_field import finger_clearance
+from pipeline.kernels.hand.grasp import Grasp
+from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.pinches import opposed_postures
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.kernels.hand.self_collision import hand_gap
-from pipeline.kernels.touch.depth_maps import touch_success
-from pipeline.kernels.touch.ray_depth import ray_depth
-from pipeline.physics.hold_test import DOWN, HOLD_TESTS, HoldTest, is_held
+from pipeline.physics.hold_test import HoldTest
 from pipeline.physics.simulation import Simulation
 from pipeline.store.rows import Row
+from stages.simulate_grasps.measured_grasps import Attempt, MeasuredGrasps
 from stages.simulate_grasps.plans import HoldPlanner, TouchPlanner
 from stages.simulate_grasps.prepare import CLEARANCE, prepare_hand, prepare_object
 from stages.simulate_grasps.stage import MAX_ATTEMPTS_FACTOR, GraspSettings
 
 OPENING = 0.006  # m that each sensor is drawn back before it closes: about a gel's thickness; 0 and 12 mm touch as often
 RESTING_SPEED = 2e-3  # rad/s below which a joint rests, a tenth of it in m/s where it slides: at most 1 µm of the sensor's way in a step
-
-
-@dataclass(frozen=True, eq=False)
-class Attempt:
-    """A grasp as simulated."""
-
-    grasp: Grasp
-    penetration: float  # m, of the deepest rigid point in the object
-    fault: str | None  # why it cannot be kept: it moves, leaves its joint limits, or penetrates itself or the object
-    holds: bool = False  # it passed the hold test of a hold search
-    motions: Array32 = field(default_factory=lambda: np.empty((0, 2), np.float32))  # (D, 2) m, m/s, of the object in that test
 
 
 @contextmanager
@@ -69,12 +55,13 @@ def grasping(settings: GraspSettings) -> Iterator[Callable[[Unit, Inputs], Row]]
         yield process
 
 
-class GraspSearch:
+class GraspSearch(MeasuredGrasps):
     """The search for grasps of one object, which physics and hold test have loaded."""
 
     def __init__(self, plan: TouchPlanner, physics: Simulation, test: HoldTest | None = None) -> None:
-        self.plan, self.physics, self.test = plan, physics, test
-        self.settings, self.hand, self.object = plan.settings, plan.prepared_hand, plan.prepared_object
+        super().__init__(plan.prepared_hand, plan.prepared_object, plan.settings, test)
+        self.plan, self.physics = plan, physics
+        self.settings, self.hand = plan.settings, plan.prepared_hand
 
     def best_grasps(self, unit: Unit) -> Row:
         """Attempt grasps until no better ones are needed, and make the row of the best."""
@@ -103,12 +90,9 @@ class GraspSearch:
                 f"object ({extents} m) to between one and five hands, or raise simulate-grasps.attempts"
             )
         return {
-            **grasp_row([attempt.grasp for attempt in kept]),
-            "closure": np.array([self.closure(attempt.grasp) for attempt in kept], np.float32),
-            "penetration": np.array([attempt.penetration for attempt in kept], np.float32),
+            **self.row(kept),
             "attempts": np.array(len(touched), np.int32),
             "attempt_success": np.mean(touched, axis=0).astype(np.float32),
-            **self._held(kept),
         }
 
     def attempt(self, rng: np.random.Generator) -> Attempt | None:
@@ -120,25 +104,15 @@ class GraspSearch:
         hand, settings = self.hand.hand, self.settings
         start = self._pregrasp(pose, target)
         angles, rests = self.physics.settle(pose, start, target, max_steps=settings.settle_steps, resting_speed=RESTING_SPEED)
-        frames = forward_kinematics(hand, pose, angles)
-        poses = sensor_poses_from_links(hand, frames)
-        contacts = []
-        for sensor_pose, sensor in zip(poses, self.hand.sensors, strict=True):
-            depth = ray_depth(self.object.faces, sensor_pose, sensor)
-            contacts.append(contact_from_depth(depth, sensor_pose, sensor) if touch_success(depth, sensor) else None)
-        squeeze = pregrasp_angles(hand, angles, [-settings.squeeze])[0]
-        penetration = penetration_depth(self.object.field, self.hand.spheres, frames)
-        fault = None
+        attempt = self.measure(pose, start, angles)
+        fault = attempt.fault
         if not rests:
             fault = f"fingers still move after {settings.settle_steps} steps (simulate-grasps.settle_steps)"
         elif not ((angles >= hand.lower) & (angles <= hand.upper)).all():
             fault = "a joint is pushed beyond its limit"
-        elif hand_gap(hand, self.hand.ik.boxes, frames) < 0:
+        elif hand_gap(hand, self.hand.ik.boxes, forward_kinematics(hand, pose, angles)) < 0:
             fault = "links of the hand overlap"
-        elif penetration > settings.penetration_limit:
-            limit = 1e3 * settings.penetration_limit
-            fault = f"a rigid link is more than {limit:g} mm inside the object (simulate-grasps.penetration_limit)"
-        return Attempt(Grasp(pose, start, angles, squeeze, poses, contacts), penetration, fault)
+        return replace(attempt, fault=fault)
 
     def _pregrasp(self, pose: Array, target: Array) -> Array:
         """Compute the joint angles from which the fingers close: each finger is drawn back as far as there is room behind it."""
@@ -151,11 +125,6 @@ class GraspSearch:
                 start[list(finger.joints)] = postures[clear[:, number].argmax()][list(finger.joints)]
         fits = hand_gap(hand, ik.boxes, forward_kinematics(hand, pose, start)) >= 0
         return start if fits else target
-
-    def closure(self, grasp: Grasp) -> float:
-        """Compute the margin of force closure."""
-        size = float(length(np.ptp(self.object.points, axis=0))) / 2
-        return closure_margin([contact for contact in grasp.contacts if contact], friction=self.hand.hand.friction, size=size)
 
     def score(self, grasp: Grasp) -> tuple[float, ...]:
         """Score a grasp by the setting `prefer`; the greatest is best."""
@@ -178,30 +147,3 @@ class GraspSearch:
         if self.settings.makes_all_attempts:
             return False
         return all(attempt.holds if self.settings.search == "hold" else attempt.grasp.touched.all() for attempt in kept)
-
-    def _measure(self, grasp: Grasp, *, to_end: bool) -> tuple[Array32, bool]:
-        """Measure how far, m, and how fast, m/s, the object moved at the end of the hold test in each direction, (D, 2).
-
-        Unless `to_end`, the first direction in which the grasp does not hold is the last. Also return whether it holds in all; without a
-        test each grasp does.
-        """
-        if self.test is None:
-            return np.empty((0, 2), np.float32), True
-        motions, holds = [], True
-        for acceleration in HOLD_TESTS[self.settings.test]:
-            motion = self.test.hold(grasp, acceleration=acceleration)
-            motions.append(np.array([motion.moved, motion.speed], np.float32))
-            holds &= bool(is_held(*motions[-1]))
-            if not (holds or to_end):
-                break
-        return np.stack(motions), holds
-
-    def _held(self, kept: list[Attempt]) -> Row:
-        """Tell which grasps hold, and how the object moved; those that have not passed all directions are tested in each of them."""
-        if self.test is None:
-            return {}
-        motions = [attempt.motions if attempt.holds else self._measure(attempt.grasp, to_end=True)[0] for attempt in kept]
-        distance, speed = np.moveaxis(np.stack(motions), -1, 0)
-        held = is_held(distance, speed)
-        row = {"held": held[:, HOLD_TESTS[self.settings.test].index(DOWN)], "hold_distance": distance, "hold_speed": speed}
-        return row | ({"held_directions": held} if self.settings.test == "six" else {})

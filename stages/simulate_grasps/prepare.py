@@ -15,7 +15,7 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import close_links
 from pipeline.kernels.touch.ray_depth import BoxedFaces, box_faces
 from pipeline.kernels.touch.sensor import Sensor
-from stages.simulate_grasps.stage import GraspSettings
+from stages.simulate_grasps.stage import GraspSettings, HandSettings
 
 SEARCH_SPACING, SEARCH_TOLERANCE = 0.006, 0.002  # m, of the spheres by which postures are compared: 1,000 in all, accurate to 1 mm
 MEASURE_SPACING = 0.003  # m, of the spheres that measure penetration: accurate to 0.3 mm at edges, better on faces
@@ -25,13 +25,24 @@ GRID_CELL = 0.005  # m of the distance grid: 2.5 mm changes no grasp and takes h
 
 
 @dataclass(frozen=True, eq=False)
-class PreparedHand:
-    """A hand with its fingers' sensors, the collision spheres of the palm and of all links, and its inverse kinematics."""
+class MeasuredHand:
+    """A hand with its fingers' sensors and the collision spheres of all links."""
 
     hand: Hand
     sensors: tuple[Sensor, ...]
-    palm_spheres: CollisionSpheres
     spheres: CollisionSpheres
+
+    @property
+    def reach(self) -> float:
+        """Distance from an object, m, up to which distances must be known: the radius of the largest sphere."""
+        return float(self.spheres.radii.max(initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedHand(MeasuredHand):
+    """A hand with the collision spheres of its palm, too, and its inverse kinematics."""
+
+    palm_spheres: CollisionSpheres
     ik: GraspIk
 
     @property
@@ -50,14 +61,21 @@ class PreparedObject:
     faces: BoxedFaces
 
 
-def prepare_hand(settings: GraspSettings) -> PreparedHand:
-    """Load the hand and sensors of these settings and sample the hand's postures."""
+def measured_hand(settings: HandSettings) -> MeasuredHand:
+    """Load the hand and sensors of these settings, and place the spheres that measure penetration."""
     hand = load_hand(settings.hand)
     sensors = load_worn_sensors(sensor_names(hand, settings.sensor))
+    return MeasuredHand(hand, sensors, collision_spheres(hand, spacing=MEASURE_SPACING))
+
+
+def prepare_hand(settings: GraspSettings) -> PreparedHand:
+    """Load the hand and sensors of these settings and sample the hand's postures."""
+    measured = measured_hand(settings)
+    hand, sensors = measured.hand, measured.sensors
     spheres = collision_spheres(hand, spacing=SEARCH_SPACING, tolerance=SEARCH_TOLERANCE)
     ik = prepare_grasp_ik(hand, spheres, sensors, samples=settings.ik_samples, clearance=CLEARANCE, finger_gap=finger_gap(hand))
     palm_spheres = spheres.of_links(np.flatnonzero(hand.link_fingers < 0))
-    return PreparedHand(hand, sensors, palm_spheres, collision_spheres(hand, spacing=MEASURE_SPACING), ik)
+    return PreparedHand(hand, sensors, measured.spheres, palm_spheres, ik)
 
 
 def finger_gap(hand: Hand) -> float:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import model_validator
@@ -25,8 +25,10 @@ from schemas.surfaces import SURFACES
 MAX_ATTEMPTS_FACTOR = 4  # times `attempts`, after which the search for an object with some sound grasps, but not enough, is given up
 
 
-class GraspSettings(ObjectSettings):
-    """How grasps are searched (supplement 1.3)."""
+class HandSettings(ObjectSettings):
+    """A hand, and how its grasps are measured."""
+
+    stage: ClassVar[str] = "simulate-grasps"  # as messages name it
 
     hand: Annotated[str, described_by("hand")] = setting(
         "allegro_right", "the supplement's hand; another is another hand file, by name or by path ending in .yaml", changes="definition"
@@ -34,6 +36,33 @@ class GraspSettings(ObjectSettings):
     sensor: Annotated[str, described_by("sensor")] | None = setting(
         None, "null: the sensors that the hand file names; another sensor file, by name or path, is for all fingers", changes="definition"
     )
+    settle_steps: int = setting(400, "steps of 1/240 s in which contact must settle; otherwise the attempt fails", ge=20)
+    penetration_limit: float = setting(0.001, "m that a rigid link may penetrate the object in a kept grasp", ge=0, changes="definition")
+    hold_test: Literal["none", "lift", "six"] | None = setting(
+        None,
+        "lift: the object is freed in the grasp, and must rest in the hand after a second of gravity; six: along ± x, ± y and ± z in turn, "
+        "in six times the time; null: none for search touch, where it is recorded only, and lift for hold, which keeps what passes",
+        changes="definition",
+    )
+    hold_mass: float = setting(
+        0.2, "kg of any object in the hold test, spread evenly over its surface: a full glass; with 1 kg few grasps hold", gt=0, le=1000
+    )
+    squeeze: float = setting(
+        0.002,
+        "m that each sensor presses beyond the grasp in `squeeze_angles`, to which the motors drive in the hold test",
+        ge=0,
+        changes="definition",
+    )
+
+    @property
+    def test(self) -> Literal["none", "lift", "six"]:
+        """The hold test, with its default."""
+        return self.hold_test or "none"
+
+
+class GraspSettings(HandSettings):
+    """How grasps are searched (supplement 1.3)."""
+
     grasps: int = setting(5, "the best five are kept (supplement 1.3)", ge=1, changes="definition")
     search: Literal["touch", "hold"] = setting(
         "touch",
@@ -74,23 +103,6 @@ class GraspSettings(ObjectSettings):
     ik_refinements: int = setting(
         3, "rounds of local search around the best of them: 0, 1, 3, 5 touch with 52, 68, 76, 79 % of all sensors", ge=0
     )
-    settle_steps: int = setting(400, "steps of 1/240 s in which contact must settle; otherwise the attempt fails", ge=20)
-    penetration_limit: float = setting(0.001, "m that a rigid link may penetrate the object in a kept grasp", ge=0, changes="definition")
-    hold_test: Literal["none", "lift", "six"] | None = setting(
-        None,
-        "lift: the object is freed in the grasp, and must rest in the hand after a second of gravity; six: along ± x, ± y and ± z in turn, "
-        "in six times the time; null: none for search touch, where it is recorded only, and lift for hold, which keeps what passes",
-        changes="definition",
-    )
-    hold_mass: float = setting(
-        0.2, "kg of any object in the hold test, spread evenly over its surface: a full glass; with 1 kg few grasps hold", gt=0, le=1000
-    )
-    squeeze: float = setting(
-        0.002,
-        "m that each sensor presses beyond the grasp in `squeeze_angles`, to which the motors drive in the hold test",
-        ge=0,
-        changes="definition",
-    )
 
     @property
     def test(self) -> Literal["none", "lift", "six"]:
@@ -114,29 +126,26 @@ class GraspSettings(ObjectSettings):
         return self
 
 
-class SimulateGrasps(ObjectStage):
-    """From an object's surface to the poses of the hand and its sensors around it."""
+class GraspStage(ObjectStage):
+    """A stage that makes `grasps`: what it says of the hand."""
 
-    name = "simulate-grasps"
-    summary = "Simulate grasps; keep the best and record which sensors touch."
     output = GRASPS
-    settings_type = GraspSettings
 
-    def inputs(self, settings: GraspSettings) -> tuple[Artifact, ...]:
+    def inputs(self, settings: Any) -> tuple[Artifact, ...]:
         return (SURFACES,)
 
-    def assets(self, settings: GraspSettings) -> list[Path]:
+    def assets(self, settings: Any) -> list[Path]:
         """List the hand file with all it names, and the sensor files."""
         hand = list_hand(settings.hand)
         return [*hand.files, *sensor_files([settings.sensor] if settings.sensor else hand.sensors)]
 
-    def constants(self, settings: GraspSettings) -> Row:
+    def constants(self, settings: Any) -> Row:
         """Name grasps, sensors and joints, for later stages' arrays too."""
         hand = load_hand(settings.hand)
         sensors = np.array([mount.name for mount in hand.sensors])
         return {"grasp": np.arange(settings.grasps, dtype=np.int32), "sensor": sensors, "joint": np.array(hand.joint_names)}
 
-    def attributes(self, settings: GraspSettings) -> dict[str, Any]:
+    def attributes(self, settings: Any) -> dict[str, Any]:
         """Describe the hand: names of joints and sensors, digests of its files. Later stages use no other hand or sensors."""
         hand = load_hand(settings.hand)
         sensors = sensor_names(hand, settings.sensor)
@@ -151,16 +160,31 @@ class SimulateGrasps(ObjectStage):
             }
         }
 
-    def describe_misfits(self, settings: GraspSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
-        """Name links whose mass or inertia is estimated, gels inside their links, and objects that do not fit the hand."""
+    def hand_notes(self, settings: Any) -> Iterator[str]:
+        """Name links whose mass or inertia is estimated, and gels inside their links."""
         from pipeline.kernels.hand.convex_shapes import buried_gels
-        from pipeline.kernels.hand.kinematics import opening
         from pipeline.physics.hand_urdf import inertia_notes
 
         hand = load_hand(settings.hand)
         yield from (f"hand {hand.name}: {note}" for note in inertia_notes(hand))
         sensors = load_worn_sensors(sensor_names(hand, settings.sensor))
         yield from (f"hand {hand.name}: {sentence}" for _, sentence in buried_gels(hand, sensors))
+
+
+class SimulateGrasps(GraspStage):
+    """From an object's surface to the poses of the hand and its sensors around it."""
+
+    name = "simulate-grasps"
+    summary = "Simulate grasps; keep the best and record which sensors touch."
+    settings_type = GraspSettings
+
+    def describe_misfits(self, settings: GraspSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
+        """Name links whose mass or inertia is estimated, gels inside their links, and objects that do not fit the hand."""
+        from pipeline.kernels.hand.kinematics import opening
+
+        yield from self.hand_notes(settings)
+        hand = load_hand(settings.hand)
+        sensors = load_worn_sensors(sensor_names(hand, settings.sensor))
         smallest, largest = 2 * max(sensor.width for sensor in sensors), opening(hand)
         extents = {name: np.ptp(inputs["surfaces"]["points"], axis=0) for name, inputs in objects}
         small = [name for name, sides in extents.items() if sides.max() < smallest]

@@ -122,6 +122,7 @@ def export_dexgraspbench(data: Location, folder: Path) -> str:
                 "obj_path": str(assets),
                 "obj_scale": grasped.scale,
                 "obj_pose": np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
+                "joint_names": np.array(hand.joint_names),
                 "pregrasp_qpos": np.array([*placed, *grasp.pregrasp_angles]),
                 "grasp_qpos": np.array([*placed, *grasp.joint_angles]),
                 "squeeze_qpos": np.array([*placed, *grasp.squeeze_angles]),

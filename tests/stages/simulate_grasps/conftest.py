@@ -7,7 +7,8 @@ from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.model import Hand
 from pipeline.physics.simulation import Simulation
 from pipeline.rng import numpy_rng
-from stages.simulate_grasps.grasp_search import Attempt, GraspSearch
+from stages.simulate_grasps.grasp_search import GraspSearch
+from stages.simulate_grasps.measured_grasps import Attempt
 from stages.simulate_grasps.plans import TouchPlanner
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand, prepare_object
 from stages.simulate_grasps.stage import GraspSettings

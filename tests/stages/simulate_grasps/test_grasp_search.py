@@ -10,7 +10,8 @@ import trimesh
 from pipeline.kernels.hand.grasp import Contact, Grasp
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
 from pipeline.physics.simulation import Simulation
-from stages.simulate_grasps.grasp_search import Attempt, GraspSearch
+from stages.simulate_grasps.grasp_search import GraspSearch
+from stages.simulate_grasps.measured_grasps import Attempt
 from stages.simulate_grasps.plans import TouchPlanner
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand
 from tests.kernels.hand.meshes import bar, mug

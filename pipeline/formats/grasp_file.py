@@ -1,0 +1,238 @@
+"""Read files of grasps made elsewhere: DexGraspBench's, DexGraspNet's, and arrays as `export --to grasps` writes them."""
+
+import re
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from io import BytesIO
+from math import prod
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.lib import format as npy
+from scipy.spatial.transform import Rotation
+
+from pipeline.console import abbreviate, visible
+from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import read_file
+from pipeline.formats.plain_pickle import read_plain_pickle
+from pipeline.kernels.arrays import Array
+from pipeline.kernels.geometry.transforms import compose, invert_pose
+
+MAX_BYTES = 64 * 2**20  # largest size of a file, and of its arrays together: a grasp takes 1 kB
+MAX_ROUNDING = 1e-3  # by which a rotation's columns, or a quaternion, may differ from unit length: files round to three digits
+PHASES = ("pregrasp", "grasp", "squeeze")
+TRANSLATION, ROTATION = ("WRJTx", "WRJTy", "WRJTz"), ("WRJRx", "WRJRy", "WRJRz")
+"""DexGraspNet's names of the hand's position, m, and of its angles about fixed axes, rad."""
+FORMATS = (
+    "known are dictionaries with grasp_qpos, obj_scale and obj_pose (DexGraspBench), lists of dictionaries with qpos and scale "
+    "(DexGraspNet), and .npz with hand_pose, joint_angles, joint_names and metres_per_unit"
+)
+
+
+class Stated(NamedTuple):
+    """A grasp as a file states it."""
+
+    scale: float  # m per unit of the object's file
+    root: Array  # (4, 4) the file's hand to the object's own frame, whose axes are its file's; m
+    joints: tuple[str, ...]  # names of its J joints; none where the file does not name them
+    angles: Mapping[str, Array]  # (J,) rad (m), by the names of `PHASES`: `grasp`, and those others that the file has
+
+
+@dataclass(frozen=True, eq=False)
+class FileGrasp:
+    """A grasp in a file: what it states, or why that cannot be used."""
+
+    origin: str  # file and number, for messages
+    stated: Stated | InvalidInput
+
+
+def grasp_files(folder: Path, object_id: str) -> list[Path]:
+    """List the files of an object's grasps: `ID.npz`, `ID.npy`, and those below the folder `ID`, in the order of their numbers.
+
+    Files below the folder `A/B` are the object `A-B`'s, and `A`'s.
+    """
+    named = [folder / f"{object_id}{suffix}" for suffix in (".npz", ".npy")]
+    files = [path for path in (*named, *(folder / object_id).rglob("*.np[yz]")) if path.is_file()]
+    for dash in re.finditer("-", object_id):
+        outer, inner = object_id[: dash.start()], object_id[dash.end() :]
+        if outer and inner and (folder / outer).is_dir():
+            files += grasp_files(folder / outer, inner)
+    return sorted(set(files), key=_numbered)
+
+
+def _numbered(path: Path) -> list[Any]:
+    """Split a path into text and numbers, which alternate, so that 10 follows 9."""
+    return [int(part) if place % 2 else part for place, part in enumerate(re.split("([0-9]+)", path.as_posix()))]
+
+
+def read_grasp_file(path: Path, folder: Path) -> Iterator[FileGrasp]:
+    """Read the grasps of a file below a folder. Files with Python objects are read without running what they name."""
+    name = visible(path.relative_to(folder).as_posix())
+    try:
+        readers = _readers(read_file(path, MAX_BYTES, name))
+    except InvalidInput as error:
+        yield FileGrasp(name, error)
+        return
+    for number, read in enumerate(readers):
+        try:
+            stated: Stated | InvalidInput = read()
+        except InvalidInput as error:
+            stated = error
+        yield FileGrasp(name if len(readers) == 1 else f"{name}, grasp {number}", stated)
+
+
+def _readers(content: bytes) -> list[Callable[[], Stated]]:
+    """List what reads each grasp of a file."""
+    if content.startswith(b"PK"):
+        arrays = dict(_members(content))
+        return [partial(_array_grasp, arrays, row) for row in range(_rows(arrays, "hand_pose"))]
+    readers: list[Callable[[], Stated]] = []
+    for entry in np.ravel(_array_of(content, pickled=True)):
+        if not isinstance(entry, dict) or not entry.keys() & {"qpos", "grasp_qpos"}:
+            entries = f"the entries {abbreviate([ascii(key) for key in entry])}" if isinstance(entry, dict) else "no dictionary"
+            raise InvalidInput(f"it has {entries}; {FORMATS}")
+        if "qpos" in entry:
+            readers.append(partial(_dexgraspnet, entry))
+        elif np.ndim(qpos := _array(entry, "grasp_qpos")) == 2:
+            readers += [partial(_dexgraspbench, entry, row) for row in range(len(qpos))]
+        else:
+            readers.append(partial(_dexgraspbench, entry, ...))
+    return readers
+
+
+def _members(content: bytes) -> Iterator[tuple[str, np.ndarray]]:
+    """Read the arrays of an .npz file."""
+    left = MAX_BYTES
+    try:
+        with zipfile.ZipFile(BytesIO(content)) as archive:
+            for member in archive.infolist():
+                with archive.open(member) as stream:
+                    part = stream.read(left + 1)
+                left -= len(part)
+                if left < 0:
+                    raise InvalidInput(f"its arrays have more than {MAX_BYTES} bytes; split it into several files")
+                yield member.filename.removesuffix(".npy"), _array_of(part, pickled=False)
+    except InvalidInput:
+        raise
+    except Exception as error:  # zipfile raises whatever its parsing trips over
+        raise InvalidInput(f"it is no .npz file that can be read ({type(error).__name__}: {error}); write it again") from error
+
+
+def _array_of(content: bytes, *, pickled: bool) -> np.ndarray:
+    """Read a .npy file, of Python objects only if they may be pickled."""
+    stream = BytesIO(content)
+    try:
+        header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[npy.read_magic(stream)]
+        shape, fortran, dtype = header(stream)
+        rest = stream.read()
+        if not dtype.hasobject and len(rest) == prod(shape) * dtype.itemsize:
+            return np.frombuffer(rest, dtype).reshape(shape, order="F" if fortran else "C")
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
+        raise InvalidInput(f"it is no .npy file that can be read ({error}); write it with numpy.save") from error
+    if not dtype.hasobject:
+        raise InvalidInput(f"an array of shape {shape} and type {dtype} has {len(rest)} bytes in it; is the file cut off?")
+    array = read_plain_pickle(rest) if pickled else None
+    if not isinstance(array, np.ndarray) or not array.dtype.hasobject:
+        raise InvalidInput(f"it has Python objects that are not read; {FORMATS}")
+    return array
+
+
+def _array_grasp(arrays: Mapping[str, Any], row: int) -> Stated:
+    """Read a grasp of an .npz file: positions are in the unit of the object's file."""
+    scale, count = _scale(arrays, "metres_per_unit"), _rows(arrays, "hand_pose")
+    joints = _array(arrays, "joint_names")
+    if joints.dtype.kind != "U" or joints.ndim != 1:
+        raise InvalidInput(f"joint_names has type {joints.dtype} and shape {joints.shape}; it must be a list of names")
+    renamed = {"grasp": "grasp" if "grasp" in arrays else "joint_angles"}
+    names = {phase: renamed.get(phase, phase) for phase in PHASES if phase == "grasp" or phase in arrays}
+    angles = {phase: _numbers(arrays, name, (count, len(joints)), row) for phase, name in names.items()}
+    pose = _numbers(arrays, "hand_pose", (count, 4, 4), row)
+    if not np.allclose(pose[3], (0, 0, 0, 1)):
+        raise InvalidInput(f"hand_pose has {pose[3]} as its last row; it must be 0, 0, 0, 1")
+    return Stated(scale, _pose(scale * pose[:3, 3], _matrix(pose[:3, :3])), tuple(map(str, joints)), angles)
+
+
+def _dexgraspbench(entry: Mapping[str, Any], row: Any) -> Stated:
+    """Read a grasp of DexGraspBench, BODex or Dexonomy: position, m, and quaternion of the hand, real part first, then its joints."""
+    names = {phase: f"{phase}_qpos" for phase in PHASES if f"{phase}_qpos" in entry}
+    qpos = {phase: _numbers(entry, name, np.shape(_array(entry, name)), row) for phase, name in names.items()}
+    if len(lengths := {len(values) for values in qpos.values()}) > 1 or min(lengths) <= 7:
+        raise InvalidInput(f"{', '.join(names.values())} have {sorted(lengths)} numbers; each needs 7 of the root and all joints")
+    if "obj_scale" not in entry and "scene_path" in entry:
+        raise InvalidInput("it names a scene instead of obj_scale and obj_pose; convert it with DexGraspBench's task=format")
+    root, scene = (_pose(values[:3], _quaternion(values[3:7])) for values in (qpos["grasp"], _numbers(entry, "obj_pose", (7,))))
+    joints = tuple(map(str, _array(entry, "joint_names"))) if "joint_names" in entry else ()
+    angles = {phase: values[7:] for phase, values in qpos.items()}
+    return Stated(_scale(entry, "obj_scale", row), compose(invert_pose(scene), root), joints, angles)
+
+
+def _dexgraspnet(entry: Mapping[str, Any]) -> Stated:
+    """Read a grasp of DexGraspNet: by name, m and rad, in the frame of the object's file."""
+    qpos = entry["qpos"]
+    if not isinstance(qpos, dict):
+        raise InvalidInput(f"qpos is no dictionary; {FORMATS}")
+    joints = tuple(name for name in qpos if name not in (*TRANSLATION, *ROTATION))
+    position, turn, angles = (np.array([_number(qpos, name) for name in names]) for names in (TRANSLATION, ROTATION, joints))
+    return Stated(_scale(entry, "scale"), _pose(position, Rotation.from_euler("xyz", turn).as_matrix()), joints, {"grasp": angles})
+
+
+def _array(entry: Mapping[str, Any], name: str) -> np.ndarray:
+    if not isinstance(value := entry.get(name), np.ndarray):
+        raise InvalidInput(f"it has no array {name}; {FORMATS}")
+    return value
+
+
+def _rows(arrays: Mapping[str, Any], name: str) -> int:
+    if (array := _array(arrays, name)).ndim == 0:
+        raise InvalidInput(f"{name} is a single number; it must have one row per grasp")
+    return len(array)
+
+
+def _numbers(entry: Mapping[str, Any], name: str, shape: tuple[int, ...], row: Any = ...) -> Array:
+    """Read an array of numbers, or a row of it."""
+    array = _array(entry, name)
+    if array.shape != shape or array.dtype.kind not in "fiu":
+        raise InvalidInput(f"{name} has shape {array.shape} and type {array.dtype}; it must be numbers of shape {shape}")
+    values = array[row].astype(np.float64)
+    if not np.isfinite(values).all():
+        raise InvalidInput(f"{name} has a value that is not finite; correct it, or remove the grasp")
+    return values
+
+
+def _number(entry: Mapping[str, Any], name: str) -> float:
+    value = entry.get(name)
+    if isinstance(value, np.ndarray) and value.size == 1:
+        value = value.item()
+    if not isinstance(value, int | float | np.integer | np.floating) or not abs(value) < 1e6:
+        raise InvalidInput(f"it has no number {name} between -1e6 and 1e6; {FORMATS}")
+    return float(value)
+
+
+def _scale(entry: Mapping[str, Any], name: str, row: Any = ...) -> float:
+    value = entry.get(name)
+    scale = _number({name: value[row]} if isinstance(value, np.ndarray) and value.ndim else entry, name)
+    if scale <= 0:
+        raise InvalidInput(f"{name} is {scale:g}; it must be metres per unit of the object's file, above 0")
+    return scale
+
+
+def _matrix(matrix: Array) -> Array:
+    """Return the rotation that a file rounded."""
+    if np.abs(matrix.T @ matrix - np.eye(3)).max() > MAX_ROUNDING or np.linalg.det(matrix) < 0:
+        raise InvalidInput("hand_pose is no rotation and shift: the columns of its first three rows must be perpendicular, of length 1")
+    return np.asarray(Rotation.from_matrix(matrix).as_matrix())
+
+
+def _quaternion(values: Array) -> Array:
+    if abs(float(np.linalg.norm(values)) - 1) > MAX_ROUNDING:
+        raise InvalidInput(f"{values.round(4).tolist()} is no rotation: a quaternion, real part first, must have length 1")
+    return np.asarray(Rotation.from_quat(values, scalar_first=True).as_matrix())
+
+
+def _pose(position: Array, rotation: Array) -> Array:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, position
+    return pose

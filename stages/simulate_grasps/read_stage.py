@@ -1,0 +1,133 @@
+"""`read-grasps`: grasps made elsewhere, in place of those that `simulate-grasps` searches."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import field_validator
+
+from pipeline.config.settings import setting
+from pipeline.config.sources import Object
+from pipeline.console import abbreviate, pluralise
+from pipeline.engine.stage import Cost, Inputs, Unit
+from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import expanded
+from pipeline.formats.grasp_file import grasp_files
+from pipeline.store.rows import Row
+from pipeline.store.shard import Shard
+from stages.simulate_grasps.stage import GraspStage, HandSettings
+
+
+class ReadSettings(HandSettings):
+    """Which grasps are read, and how their hand is related to that of the hand file."""
+
+    stage: ClassVar[str] = "read-grasps"
+
+    folder: str | None = setting(
+        None,
+        "of the grasps: OBJECT.npz, OBJECT.npy, or a folder OBJECT, of each object; its path changes nothing, its files do",
+        changes="speed",
+    )
+    grasps: int = setting(
+        20,
+        "per object, the first that can be used; DexGraspBench and BODex write 20. Where an object has fewer, the rest are empty: the "
+        "hand is 10 m above the object and touches nothing",
+        ge=1,
+        changes="definition",
+    )
+    joints: tuple[str, ...] | dict[str, str] = setting(
+        (),
+        "names, in the hand's URDF, of the joints whose values files list without names, in their order; or {name in files: name in the "
+        "URDF} where files name joints otherwise",
+        changes="definition",
+    )
+    root: tuple[float, float, float, float, float, float, float] = setting(
+        (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
+        "the hand's root link in the frame whose pose files state: position, m, and quaternion, real part first; they may have a model of "
+        "the same hand with another root",
+        changes="definition",
+    )
+    close: bool = setting(
+        False,
+        "close the fingers from the pre-grasp towards the squeeze until contact rests, instead of taking the joint angles as they are",
+        changes="definition",
+    )
+    penetration_limit: float = setting(
+        0.01, "m that a rigid link may penetrate the object in a grasp; DexGraspBench tests none that is deeper", ge=0, changes="definition"
+    )
+    hold_test: Literal["none", "lift", "six"] | None = setting(
+        None,
+        "lift: the object is freed in the grasp, and must rest in the hand after a second of gravity; six: along ± x, ± y and ± z in turn, "
+        "in six times the time; null: none",
+        changes="definition",
+    )
+
+    @field_validator("root")
+    @classmethod
+    def _turns(cls, root: tuple[float, ...]) -> tuple[float, ...]:
+        if not (np.isfinite(root).all() and any(root[3:])):
+            raise ValueError(f"{root} is no position and quaternion; the quaternion, its real part first, must not be 0")
+        return root
+
+
+class ReadGrasps(GraspStage):
+    """From files of grasps to the poses of the hand and its sensors around each object."""
+
+    name = "read-grasps"
+    summary = "Read grasps made elsewhere, in place of simulate-grasps; record which sensors touch."
+    settings_type = ReadSettings
+
+    def files(self, settings: ReadSettings, item: Object) -> list[Path]:
+        """List the object's files of grasps."""
+        return grasp_files(expanded(settings.folder), item.object_id) if settings.folder else []
+
+    def describe_objects(self, settings: ReadSettings, objects: Sequence[Object]) -> Iterator[str]:
+        """Name the objects without grasps, and the grasps without an object."""
+        folder = grasp_folder(settings)
+        names = {item.object_id for item in objects}
+        if lacking := sorted(name for name in names if not grasp_files(folder, name)):
+            yield f"warning: {pluralise(len(lacking))} without grasps below {folder} ({abbreviate(lacking)})"
+        heads = {name[:dash] for name in names for dash, sign in enumerate(name) if sign == "-"} | names
+        entries = [path for path in folder.iterdir() if path.is_dir() or path.suffix in (".npz", ".npy")]
+        if strange := sorted(path.name for path in entries if (path.name if path.is_dir() else path.stem) not in heads):
+            yield f"warning: grasps of no object of the manifest ({abbreviate(strange)}): call them as an object, or add it to the manifest"
+
+    def describe_shard(self, settings: ReadSettings, shard: Shard) -> Iterator[str]:
+        """Count the grasps that were read, and say why others were not."""
+        read, refused = (
+            {name: str(values[row]).splitlines() for name, row in shard.position.items() if values[row]}
+            for values in (shard.read("grasp_files"), shard.read("refused_grasps"))
+        )
+        counts = [len(lines) for lines in read.values()]
+        yield f"{pluralise(sum(counts), 'grasp')} of {pluralise(len(read))} read, {sum(map(len, refused.values()))} refused"
+        if refused:
+            name, reasons = next(iter(refused.items()))
+            yield f"warning: grasps of {pluralise(len(refused))} refused ({abbreviate([*refused])}); of {name}: {abbreviate(reasons)}"
+        if counts and max(counts) < settings.grasps:
+            yield f"no object has more than {pluralise(max(counts), 'grasp')}: read-grasps.grasps={max(counts)} saves the empty ones"
+
+    def describe_misfits(self, settings: ReadSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
+        """Name what is estimated of the hand."""
+        return self.hand_notes(settings)
+
+    def cost(self, settings: ReadSettings) -> Cost:
+        """Estimate reading and measuring, a test per grasp, and closing."""
+        test = {"none": 0.0, "lift": 0.06, "six": 0.3}[settings.test]
+        return Cost(seconds=0.3 + settings.grasps * (0.01 + test + 0.05 * settings.close), kilobytes=settings.grasps)
+
+    def session(self, settings: ReadSettings, models: Mapping[str, Path]) -> AbstractContextManager[Callable[[Unit, Inputs], Row]]:
+        """Prepare the hand, and open physics clients where fingers close or grasps are tested."""
+        from stages.simulate_grasps.grasp_reading import reading
+
+        return reading(settings)
+
+
+def grasp_folder(settings: ReadSettings) -> Path:
+    """Return the folder of grasps."""
+    if settings.folder is None or not (folder := expanded(settings.folder)).is_dir():
+        raise InvalidInput(
+            f"read-grasps.folder is {settings.folder or 'not set'}; name a folder with --set read-grasps.folder=FOLDER (make: SET=)"
+        )
+    return folder
