@@ -3,18 +3,17 @@
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import SubElement, parse
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pipeline.contrib.exports.convex_parts import convex_parts
-from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.grasp import Contact, Grasp
 from pipeline.kernels.touch.depth_maps import gel_top
-from pipeline.physics.hand_urdf import gel_name, write_hand_urdf
+from pipeline.physics.hand_mjcf import HARD, hand_spec, import_mujoco
+from pipeline.physics.hand_urdf import gel_name
 from pipeline.physics.hold_test import HoldTest, gel_spring
 from pipeline.store.temporary import temporary_folder
 
@@ -22,10 +21,6 @@ TIMESTEP = 0.002
 """s; at 1/240 s with a gain that is stable there, fingers sag and drop the object."""
 GAIN = {"revolute": 100.0, "continuous": 100.0, "prismatic": 1e5}
 """N m/rad and N/m of a motor: 0.7 N m at 7 mrad, 20 N at 0.2 mm."""
-ARMATURE = {"revolute": 1e-3, "continuous": 1e-3, "prismatic": 0.3}
-"""kg m² and kg of a motor's rotor, reflected to its joint; without it, a light fingertip swings faster than the steps can follow."""
-HARD = {"solref": [0.005, 1.0], "solimp": [0.5, 0.99, 0.0001, 0.5, 2.0]}
-"""Contacts and gears as stiff as DexGraspBench makes them."""
 PLATE_TURN = 3.0
 """Moment about the normal that a gel's contact resists, as a multiple of that of its area (`GelSpring.torsion`): a plate meets a convex
 part at one or two points, and in PyBullet at up to four, near its corners. With 1, eight of 125 objects of 0.15 m
@@ -46,12 +41,7 @@ class MujocoHoldTest(HoldTest):
     def _hand_spec(self, folder: Path) -> Any:
         """Make MuJoCo's description of the hand, which reads meshes in the folder."""
         mujoco, hand = self.mujoco, self.hand
-        urdf = write_hand_urdf(hand, folder, self.sensors)
-        tree = parse(urdf)
-        options = {"strippath": "false", "fusestatic": "false", "balanceinertia": "true", "discardvisual": "true"}
-        SubElement(SubElement(tree.getroot(), "mujoco"), "compiler", options)
-        tree.write(urdf)
-        spec = mujoco.MjSpec.from_file(str(urdf))
+        spec = hand_spec(hand, folder, self.sensors, GAIN)
         spec.option.timestep = TIMESTEP
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -62,18 +52,6 @@ class MujocoHoldTest(HoldTest):
             geom.priority, geom.condim = 1, 4  # the hand's friction counts
             geom.friction = [hand.friction, self.torsion or 0.0, 0.0]
             geom.solref[:], geom.solimp[:] = HARD["solref"], HARD["solimp"]
-        joined = {(joint.parent, joint.child) for joint in hand.joints}  # MuJoCo lets links of a palm that does not move collide with it
-        for first, second in sorted(joined | hand.allowed_contacts):
-            spec.add_exclude(bodyname1=hand.links[first].name, bodyname2=hand.links[second].name)
-        for name, link in zip(hand.joint_names, hand.joint_links, strict=True):
-            kind = hand.joints[link - 1].kind
-            spec.joint(name).armature = ARMATURE[kind]
-            motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, forcerange=[-hand.torque, hand.torque])
-            motor.set_to_position(kp=GAIN[kind], dampratio=1.0)
-        for follower in hand.followers:
-            gear = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, **HARD)
-            gear.name1, gear.name2 = hand.joints[follower.link - 1].name, hand.joint_names[follower.entry]
-            gear.data[:2] = follower.offset, follower.multiplier
         for gel in gels:
             lock = spec.add_equality(name=gel, type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, active=False, **HARD)
             lock.name1 = gel
@@ -140,13 +118,3 @@ class MujocoHoldTest(HoldTest):
         warnings = self.mujoco.mjtWarning
         failed = any(self.data.warning[kind].number for kind in (warnings.mjWARN_BADQPOS, warnings.mjWARN_BADQVEL, warnings.mjWARN_BADQACC))
         return np.full(7, np.nan) if failed else self.data.joint("object").qpos.copy()
-
-
-def import_mujoco() -> Any:
-    """Import MuJoCo, without its log file; raise an `InvalidInput` with the command that installs it if it is missing."""
-    try:
-        import mujoco
-    except ModuleNotFoundError as error:
-        raise InvalidInput("this engine needs MuJoCo; `pip install -c constraints.txt -e '.[mujoco]'` installs it (20 MB)") from error
-    mujoco.set_mju_user_warning(lambda message: None)  # it would write MUJOCO_LOG.TXT into the working directory
-    return mujoco

@@ -3,10 +3,11 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from inspect import signature
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -20,7 +21,7 @@ from pipeline.engine.make import make
 from pipeline.formats.file_content import expanded
 from pipeline.recipes.dataset_recipe import Comparison, compare, recipe_of
 from pipeline.recipes.recipe import read_recipe
-from pipeline.store.atomic import UNFINISHED, atomic_writes
+from pipeline.store.atomic import UNFINISHED, atomic_writes, move_files
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location, list_folder, on_disk
 
@@ -117,7 +118,11 @@ def export(
     ] = "mesh",
     objects: Annotated[
         list[str] | None,
-        typer.Option("--object", help="With --to mesh: only this object; repeat for several.", autocompletion=options.complete_made_object),
+        typer.Option(
+            "--object",
+            help="With --to mesh, grasps or dexgraspbench: only this object; repeat for several.",
+            autocompletion=options.complete_made_object,
+        ),
     ] = None,
     about: Annotated[
         Path | None, typer.Option(help="With --to parquet: a YAML file with title, creators, url, licence … for card and Croissant.")
@@ -130,8 +135,9 @@ def export(
     """
     write = plugins.find("exports", to)
     chosen = list(dict.fromkeys(objects or []))
-    given = {name: value for name, value in {"objects": chosen, "about": about}.items() if value}
-    if refused := sorted(given.keys() - signature(write).parameters.keys()):
+    given: dict[str, Any] = {name: value for name, value in {"objects": chosen, "about": about}.items() if value}
+    parameters = signature(write).parameters.keys()
+    if refused := sorted(given.keys() - parameters):
         fail(f"--{refused[0].removesuffix('s')} is no option of --to {to}; leave it out")
     one_file, existing = out.suffix.lower() == ".glb", list_folder(out)
     if not one_file and not out.is_dir() and any(map(str.isalpha, out.suffix)):
@@ -141,6 +147,8 @@ def export(
     if (out.is_file() and not one_file) or (existing and UNFINISHED not in existing):  # an export that was killed is begun again
         fail(f"{out} is {'a file' if out.is_file() else 'not empty'}; name a folder that is not there yet")
     with _written(out, one_file) as folder:
+        if "publish" in parameters:
+            given["publish"] = partial(move_files, folder, out)
         lines = write(as_location(data), folder, **given)
     print_lines(f"{out}: {lines}")
 

@@ -76,18 +76,23 @@ def atomic_writes(folder: Location) -> Iterator[Path]:
             shutil.rmtree(new_files, ignore_errors=True)
             new_files.mkdir()
             yield new_files
-            names = sorted(files_below(new_files))
-            refuse_links(folder, names)
-            flush([*new_files.rglob("*"), new_files])
-            for name in names:
-                (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                (new_files / name).replace(folder / name)
-            flush({(folder / name).parent for name in names})
+            move_files(new_files, folder)
         finally:
             shutil.rmtree(work, ignore_errors=True)
             if not existed:
                 with suppress(OSError):  # it holds files, unless writing them failed
                     folder.rmdir()
+
+
+def move_files(source: Path, folder: Path) -> None:
+    """Move the files below a folder into another one on the same disk, each atomically."""
+    names = sorted(files_below(source))
+    refuse_links(folder, names)
+    flush([*source.rglob("*"), source])
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (source / name).replace(folder / name)
+    flush({(folder / name).parent for name in names})
 
 
 def refuse_links(folder: Path, names: Iterable[str]) -> None:

@@ -9,12 +9,13 @@ import pytest
 import trimesh
 
 from benchmarks.grasp_tests import GRASP_TESTS, Engine
-from benchmarks.mujoco_hold_test import ARMATURE, MujocoHoldTest
+from benchmarks.mujoco_hold_test import MujocoHoldTest
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.model import Hand
+from pipeline.physics.hand_mjcf import ARMATURE
 from pipeline.physics.hand_urdf import GEL_MASS, gel_name
 from tests.kernels.hand.meshes import bar, centred, points_on
 from tests.physics.pincers import RADIUS, SENSOR, check_friction_limit, load_pincers, pinch

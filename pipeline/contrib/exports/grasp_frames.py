@@ -29,8 +29,8 @@ class Column:
     meaning: str = ""
 
 
-BY_FINGER = ("tactile_image", "depth")
-"""Arrays with a column per finger."""
+BY_FINGER = ("tactile_image", "depth", "pressure", "force")
+"""Arrays with a column per finger; only an elastic gel has the last two."""
 
 
 class GraspFrames:
@@ -38,11 +38,11 @@ class GraspFrames:
 
     def __init__(self, data: Location) -> None:
         directory = DataDirectory(data)
-        touch, vision = (directory.collection(artifact) for artifact in (TOUCH, VISION))
-        self.arrays = ["touch_success", "joint_angles", "hand_pose", "sensor_pose", *(BY_FINGER if touch.shards else ())]
-        self.arrays += [name for name in ("unoccluded", "occluded") if vision.shards and vision.first.has(name)]
+        grasps, touch, vision = (directory.collection(artifact) for artifact in (GRASPS, TOUCH, VISION))
+        optional = {"held": grasps, **dict.fromkeys(BY_FINGER, touch), "unoccluded": vision, "occluded": vision}
+        self.arrays = ["touch_success", "joint_angles", "hand_pose", "sensor_pose"]
+        self.arrays += [name for name, collection in optional.items() if collection.shards and collection.first.has(name)]
         self.rows = ObjectRows(data, self.arrays, split=None)
-        grasps = directory.collection(GRASPS)
         splits = {name: grasps.row(name).split for name in self.rows.object_ids}
         # by split, in order, without empty splits
         self.object_ids = {split: names for split in SPLITS if (names := [name for name, of in splits.items() if of == split])}
@@ -54,22 +54,30 @@ class GraspFrames:
         identifiers = {name: artifact_of(name).arrays[name] for name in ("object_id", "category", "split")}
         self.columns = {name: Column("string", unit=array.units, meaning=array.description) for name, array in identifiers.items()}
         self.columns["grasp"] = Column("int64", meaning="Number of the grasp, 0 the best.")
+        self.columns["hand"] = Column("string", meaning="Name of the hand.")
+        self.hand = str(self.rows.attributes("grasps").get("hand", {}).get("name", "unknown"))
+        self._names = {"hand": self.hand}  # the same in all frames
+        if touch.shards:
+            self._names |= self._by_finger("sensor", [sensor.name for sensor in self.rows.sensors()])
+            named = [Column("string", meaning=f"Name of the sensor on {finger}.") for finger in self.labels["sensor"]]
+            self.columns |= self._by_finger("sensor", named)
         for name in self.arrays:
             self.columns |= self._describe(name)
 
     def objects(self) -> Iterator[tuple[str, list[dict[str, Any]]]]:
         """Yield the split and the frames of each object, split by split, and show the progress.
 
-        A frame has values by column; images are (rows, cols, 3) uint8.
+        A frame has values by column: images are (rows, cols, 3) uint8, scalars are Python's.
         """
         categories = dict(zip(self.rows.object_ids, self.rows.categories, strict=True))
         for split, object_id in with_progress([(split, name) for split, names in self.object_ids.items() for name in names], "export"):
             frames = []
             for grasp in range(self.grasps):
-                frame = {"object_id": object_id, "category": categories[object_id], "split": split, "grasp": grasp}
+                frame = {"object_id": object_id, "category": categories[object_id], "split": split, "grasp": grasp, **self._names}
                 for name in self.arrays:
                     value = self.rows.read(name, object_id, grasp, camera=0)
-                    frame |= self._by_finger(name, value) if name in BY_FINGER else {name: value}
+                    values = self._by_finger(name, value) if name in BY_FINGER else {name: value}
+                    frame |= {column: one if self.columns[column].shape else one.item() for column, one in values.items()}
                 frames.append(frame)
             yield split, frames
 
@@ -77,8 +85,8 @@ class GraspFrames:
         """Describe the columns of an array by its schema."""
         array = artifact_of(name).arrays[name]
         dims = [dim for dim in array.dims if dim not in ("object", "grasp", "camera", *(("sensor",) if name in BY_FINGER else ()))]
-        kind: Any = "image" if dims[-1] == "rgb" else array.dtype
-        shape, names = tuple(self.rows.size(name, dim) for dim in dims), self.labels.get(dims[0], ())
+        kind: Any = "image" if dims[-1:] == ["rgb"] else array.dtype
+        shape, names = tuple(self.rows.size(name, dim) for dim in dims), self.labels.get(dims[0], ()) if dims else ()
         column = Column(kind, shape, names, array.units, array.description)
         if name not in BY_FINGER:
             return {name: column}

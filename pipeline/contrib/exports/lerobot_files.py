@@ -15,7 +15,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from pipeline.contrib.exports.grasp_frames import Column, GraspFrames
+from pipeline.contrib.exports.grasp_frames import BY_FINGER, Column, GraspFrames
 from pipeline.contrib.exports.parquet_files import import_arrow, schema_of, table_of
 from pipeline.store.storage import Location
 
@@ -31,7 +31,6 @@ QUANTILES = {"min": 0.0, "q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99":
 BLOCK = 2**22
 """Values that are sorted at a time: memory does not grow with the dataset."""
 NAMES = {"unoccluded": "observation.images.unoccluded", "occluded": "observation.images.occluded", "joint_angles": "observation.state"}
-PREFIXES = {"tactile_image.": "observation.images.tactile_", "depth.": "observation.depth_"}
 INDEX = {name: Column("int64") for name in ("frame_index", "episode_index", "index", "task_index")}
 
 
@@ -71,7 +70,7 @@ def export_lerobot(data: Location, folder: Path) -> str:
     ends = list(accumulate(map(len, frames.object_ids.values()), initial=0))
     info = {
         "codebase_version": VERSION,
-        "robot_type": frames.rows.attributes("grasps").get("hand", {}).get("name", "unknown"),
+        "robot_type": frames.hand,
         "total_episodes": len(episodes),
         "total_frames": index,
         "total_tasks": len(tasks),
@@ -96,15 +95,16 @@ def export_lerobot(data: Location, folder: Path) -> str:
 
 def _name(name: str) -> str:
     """Look up the name that LeRobot's policies know a column by."""
-    for prefix, lerobot_prefix in PREFIXES.items():
-        if name.startswith(prefix):
-            return lerobot_prefix + name.removeprefix(prefix)
+    array, _, finger = name.partition(".")
+    if array in BY_FINGER:
+        return f"observation.images.tactile_{finger}" if array == "tactile_image" else f"observation.{array}_{finger}"
     return NAMES.get(name, f"observation.{name}" if name in ("hand_pose", "sensor_pose", "touch_success") else name)
 
 
 def _feature(column: Column) -> dict[str, Any]:
     names = ["height", "width", "channels"] if column.kind == "image" else (list(column.names) or None)
-    return {"dtype": column.kind, "shape": list(column.shape or (1,)), "names": names}
+    described = {"unit": column.unit, "description": column.meaning} if column.meaning else {}
+    return {"dtype": column.kind, "shape": list(column.shape or (1,)), "names": names, **described}
 
 
 def _task(category: str) -> str:

@@ -5,6 +5,7 @@ import json
 import tarfile
 from collections import Counter
 from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,13 @@ SAMPLES = 1000
 
 
 def export_webdataset(data: Location, folder: Path) -> str:
-    """Write `SPLIT-NNNNNN.tar`; the files of a sample are called KEY.COLUMN.png, KEY.COLUMN.npy and KEY.json."""
+    """Write `SPLIT-NNNNNN.tar`; the files of a sample are called KEY.COLUMN.png, KEY.COLUMN.npy and KEY.json.
+
+    `columns.json` describes the columns: type, shape, names along the first axis, unit and meaning.
+    """
     frames = GraspFrames(data)
+    described = {name: asdict(column) for name, column in frames.columns.items()}
+    (folder / "columns.json").write_text(json.dumps(described, indent=1), encoding="utf-8")
     samples: Counter[str] = Counter()
     with ExitStack() as opened:
         for split, rows in frames.objects():

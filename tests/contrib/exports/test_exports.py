@@ -14,12 +14,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from pipeline.config.settings import Settings
 from pipeline.contrib.exports.grasp_frames import Column, GraspFrames
 from pipeline.contrib.exports.lerobot_files import QUANTILES, _Statistics
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.plan import Request
+from pipeline.engine.stage import Unit
 from pipeline.errors import StoreError
 from pipeline.store.atomic import atomic_writes
+from pipeline.store.rows import Row
 from tests.command_line import vt
+from tests.engine.tiny_stages import pack
 from tests.stages import ball_dataset
 
 FINGERS = [f"finger-{number}" for number in range(4)]
@@ -32,6 +37,28 @@ def data(tmp_path_factory) -> Path:
     return folder
 
 
+def add_forces(unit: Unit, artifact: str, row: Row) -> Row:
+    """Add what an elastic gel and a hold test give to the rows of a ball."""
+    if artifact == "grasps":
+        return row | {"held": np.arange(len(row["hand_pose"])) % 2 == 0}
+    if artifact != "touch":
+        return row
+    pressure = np.maximum(ball_dataset.SENSOR.w - row["depth"], 0).astype(np.float32) * np.float32(1e7)  # Pa
+    pixel = ball_dataset.SENSOR.width * ball_dataset.SENSOR.height / pressure[0, 0].size
+    return row | {"pressure": pressure, "force": (pressure.sum(axis=(-2, -1)) * pixel).astype(np.float32)}
+
+
+@pytest.fixture(scope="module")
+def elastic(tmp_path_factory) -> Path:
+    """Return a dataset of balls with pressure, force and held."""
+    folder = tmp_path_factory.mktemp("elastic")
+    ball_dataset.make_data(folder, 2)
+    for stage in ball_dataset.stages()[1:4]:
+        request = Request(stage, Settings(), "balls", ball_dataset.objects(2), "draft", 1, folder)
+        pack(request, lambda unit, stage=stage: add_forces(unit, stage.output.name, stage.row(unit)))
+    return folder
+
+
 def files_in(shard: Path) -> dict[str, bytes]:
     with tarfile.open(shard) as tar:
         return {member.name: tar.extractfile(member).read() for member in tar}
@@ -39,7 +66,7 @@ def files_in(shard: Path) -> dict[str, bytes]:
 
 def test_webdataset_shards_hold_every_grasp_unchanged(data, tmp_path):
     output = vt("export", data, tmp_path / "out", "--to", "webdataset")
-    shards = sorted((tmp_path / "out").iterdir())
+    shards = sorted((tmp_path / "out").glob("*.tar"))
     frames = GraspFrames(data)
     assert [shard.name for shard in shards] == [f"{split}-000000.tar" for split in sorted(frames.object_ids)]
     rows = ObjectRows(data, ["depth", "tactile_image"], split=None)
@@ -56,6 +83,36 @@ def test_webdataset_shards_hold_every_grasp_unchanged(data, tmp_path):
     assert f"{samples} grasps" in output
     vt("export", data, tmp_path / "again", "--to", "webdataset")
     assert [(tmp_path / "again" / shard.name).read_bytes() for shard in shards] == [shard.read_bytes() for shard in shards]
+
+
+def test_frames_have_forces_pressures_and_what_held_with_their_units(elastic):
+    frames, rows = GraspFrames(elastic), ObjectRows(elastic, ["force", "pressure", "held"], split=None)
+    assert (frames.columns[f"force.{FINGERS[0]}"].unit, frames.columns[f"pressure.{FINGERS[3]}"].unit) == ("N", "Pa")
+    for _, of_object in frames.objects():
+        for grasp, frame in enumerate(of_object):
+            force, pressure, held = (rows.read(name, frame["object_id"], grasp) for name in ("force", "pressure", "held"))
+            assert [frame[f"force.{finger}"] for finger in FINGERS] == force.tolist()
+            assert frame["held"] is (grasp % 2 == 0) is bool(held)
+            np.testing.assert_array_equal(frame[f"pressure.{FINGERS[1]}"], pressure[1])
+            assert (frame["hand"], frame[f"sensor.{FINGERS[2]}"]) == ("unknown", "gel_16mm")
+    assert max(force) > 1
+
+
+def test_frames_invent_no_forces_where_no_gel_is_elastic(data):
+    columns = GraspFrames(data).columns
+    assert not [name for name in columns if name.startswith(("force", "pressure", "held"))]
+
+
+def test_webdataset_names_unit_and_joints_of_each_column(elastic, tmp_path):
+    vt("export", elastic, tmp_path / "out", "--to", "webdataset")
+    described = json.loads((tmp_path / "out" / "columns.json").read_text())
+    assert described["joint_angles"]["names"] == [f"joint-{number}" for number in range(16)]
+    assert described[f"pressure.{FINGERS[0]}"]["unit"] == "Pa"
+    files = files_in(tmp_path / "out" / "test-000000.tar")
+    facts = json.loads(files["00000001.json"])
+    assert facts.keys() == {name for name, column in described.items() if not column["shape"]}
+    force = ObjectRows(elastic, ["force"], split=None).read("force", facts["object_id"], 1)
+    assert np.float32(facts[f"force.{FINGERS[0]}"]) == force[0]
 
 
 def test_folder_that_is_not_empty_is_refused(data, tmp_path):
@@ -124,7 +181,7 @@ def test_killed_export_is_started_again_by_the_next(data, tmp_path):
     (unfinished / "test-000000.tar").write_text("half")
     (unfinished / "test-000009.tar").write_text("half")
     vt("export", data, tmp_path / "out", "--to", "webdataset")
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["test-000000.tar"]
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"columns.json", "test-000000.tar"}
     assert files_in(tmp_path / "out" / "test-000000.tar")
 
 
