@@ -114,7 +114,7 @@ class HandFile(Entries):
         None,
         gt=0,
         le=1e6,
-        description=f"Maximum torque of the motors, N m (N for a joint that slides); by default {TORQUE}, or what an MJCF's weakest has.",
+        description=f"Maximum torque of the motors, N m (N for a joint that slides); by default that of an MJCF's weakest, or {TORQUE}.",
     )
     friction: float = Field(
         0.5,
@@ -218,7 +218,7 @@ def _assemble(file: HandFile, path: Path, model: Path) -> Hand:
         palm_centre=np.array(file.palm.centre, np.float64),
         followers=roles.followers,
         frozen=roles.frozen,
-        torque=file.torque or min(TORQUE, described.torque or TORQUE),
+        torque=file.torque or described.torque or TORQUE,
         friction=file.friction,
         model_files=described.files,
     )

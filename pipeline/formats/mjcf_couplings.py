@@ -1,152 +1,131 @@
 """The couplings of an MJCF's joints: equalities of joints and of fixed tendons, and motors that pull several joints by one tendon."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Sequence
 from typing import Any
 
 from pipeline.errors import InvalidInput
+from pipeline.formats.mjcf_files import kind_of
 from pipeline.kernels.hand.model import Mimic
 
 Terms = dict[int, float]
 """A sum over joints: the coefficient of each joint's travel from rest, by its number."""
+UNLIMITED = float("inf")
 
 
 class Couplings:
-    """What ties the joints of a hand: joints that follow another, joints that are held, and what is ignored, as sentences."""
+    """What ties the joints of a hand, by their numbers: joints that follow another one, and joints that are held at a value."""
 
     def __init__(
         self,
-        mujoco: Any,
         model: Any,  # compiled
-        names: Mapping[int, str],  # of all joints
-        joints: Collection[int],  # of the hand
-        bodies: Collection[int],  # of the hand
+        bodies: frozenset[int],  # of the hand, its root the first
     ) -> None:
-        self._mujoco, self._model, self._names, self._joints, self._bodies = mujoco, model, names, frozenset(joints), frozenset(bodies)
-        self.mimics: dict[str, Mimic] = {}
-        self.held: Terms = {}  # values of joints, rad (m)
-        self.notes: list[str] = []
-        self._forces: Terms = {}  # of joints that are moved by actuators, N m (N); infinite without a limit
+        self._model, self._bodies = model, bodies
+        self._joints = {joint for joint in range(model.njnt) if model.jnt_bodyid[joint] in bodies - {min(bodies)}}
+        self.mimics: dict[int, Mimic] = {}
+        self.held: Terms = {}
+        self.notes: list[str] = []  # what is ignored, or taken otherwise
+        self._forces: Terms = {}  # of joints that actuators move, N m (N)
         self._driven: set[int] = set()  # joints with actuators of their own
-        self._tendons = {tendon: self._tendon_terms(tendon) for tendon in range(model.ntendon)}
-        self._unused = set(self._tendons)
-        pulled = self._read_actuators()
-        for number in range(model.neq):
-            self._read_equality(number)
+        self.reach: dict[int, tuple[float, float]] = {}  # values between which such an actuator can hold its joint, rad (m)
+        self._tendons = [self._tendon_terms(tendon) for tendon in range(model.ntendon)]
+        pulled = [tendon for actuator in range(model.nu) for tendon in self._add_actuator(model.actuator(actuator))]
+        tied = [tendon for number in range(model.neq) for tendon in self._add_equality(model.equality(number))]
         for tendon in pulled:
-            self._read_pulled(tendon)
-        if self._unused:
-            self.notes.append(f"ignored tendons: {', '.join(self._name('tendon', tendon) for tendon in sorted(self._unused))}")
-        moved = {*self._forces, *self.held, *(joint for joint in self._joints if names[joint] in self.mimics)}
-        if idle := [names[joint] for joint in sorted(self._joints - moved)]:
-            self.notes.append(f"no actuator of the MJCF moves {', '.join(idle)}; here each has a motor, unless it is frozen")
+            self._add_pulled(tendon)
+        if loose := [model.tendon(tendon).name for tendon in range(model.ntendon) if tendon not in tied and tendon not in pulled]:
+            self.notes.append(f"tendons that couple nothing are ignored: {', '.join(loose)}")
+        if idle := sorted(self._joints - {*self._forces, *self.held, *self.mimics}):
+            names = ", ".join(model.joint(joint).name for joint in idle)
+            self.notes.append(f"no actuator of the MJCF moves {names}; here each has a motor, unless it is frozen")
 
     @property
     def least_force(self) -> float | None:
         """The least limit of the hand's motors, N m (N); None if they have none."""
-        forces = [force for joint, force in self._forces.items() if joint in self._joints and force < float("inf")]
-        return min(forces, default=None)
-
-    def _name(self, kind: str, number: int) -> str:
-        return getattr(self._model, kind)(number).name or f"{kind} {number}"
+        return min((self._forces[joint] for joint in self._joints & {*self._forces} if self._forces[joint] < UNLIMITED), default=None)
 
     def _tendon_terms(self, tendon: int) -> Terms:
         """List the joints of a fixed tendon; a spatial one has none."""
-        model, first = self._model, int(self._model.tendon_adr[tendon])
-        wraps = range(first, first + int(model.tendon_num[tendon]))
-        fixed = [wrap for wrap in wraps if model.wrap_type[wrap] == int(self._mujoco.mjtWrap.mjWRAP_JOINT)]
+        model = self._model
+        wraps = range(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
+        fixed = [wrap for wrap in wraps if kind_of("mjtWrap", model.wrap_type[wrap]) == "joint"]
         return {int(model.wrap_objid[wrap]): float(model.wrap_prm[wrap]) for wrap in fixed}
 
-    def _read_actuators(self) -> list[int]:
-        """Read which joints have motors, and their limits; return the tendons that actuators pull."""
-        model, types, pulled = self._model, self._mujoco.mjtTrn, list[int]()
-        for actuator in range(model.nu):
-            target, terms, kind = int(model.actuator_trnid[actuator, 0]), Terms(), types(int(model.actuator_trntype[actuator]))
-            if kind in (types.mjTRN_JOINT, types.mjTRN_JOINTINPARENT):
-                terms = {target: 1.0}
-                self._driven.add(target)
-            elif kind == types.mjTRN_TENDON:
-                terms = self._tendons[target]
-                pulled.append(target)
-            for joint, coefficient in terms.items():
-                force = abs(coefficient * float(model.actuator_gear[actuator, 0])) * self._actuator_force(actuator)
-                self._forces[joint] = min(force, self._forces.get(joint, float("inf")))
-        for joint in self._forces:
-            if model.jnt_actfrclimited[joint]:
-                self._forces[joint] = min(self._forces[joint], float(abs(model.jnt_actfrcrange[joint]).max()))
-        return pulled
+    def _add_actuator(self, actuator: Any) -> list[int]:
+        """Note which joints an actuator moves, and its limit: its own, or of a motor its largest control; return the tendon it pulls."""
+        kind, target, force = kind_of("mjtTrn", actuator.trntype), int(actuator.trnid[0]), UNLIMITED
+        if actuator.forcelimited:
+            force = abs(actuator.forcerange).max()
+        elif actuator.ctrllimited and kind_of("mjtBias", actuator.biastype) == "none":
+            force = abs(actuator.gainprm[0] * actuator.ctrlrange).max()
+        if kind == "joint" and actuator.ctrllimited and actuator.biasprm[1] < 0 and actuator.gear[0]:  # to a position
+            ends = (actuator.gainprm[0] * actuator.ctrlrange + actuator.biasprm[0]) / -actuator.biasprm[1] / actuator.gear[0]
+            self.reach[target] = min(ends), max(ends)
+        terms = {target: 1.0} if kind in ("joint", "jointinparent") else self._tendons[target] if kind == "tendon" else {}
+        self._driven |= set(terms) if kind != "tendon" else set()
+        for joint, coefficient in terms.items():
+            own = abs(self._model.jnt_actfrcrange[joint]).max() if self._model.jnt_actfrclimited[joint] else UNLIMITED
+            limits = (self._forces.get(joint, UNLIMITED), own, abs(coefficient * actuator.gear[0]) * force)
+            self._forces[joint] = float(min(limits))
+        return [target] if kind == "tendon" and terms else []
 
-    def _actuator_force(self, actuator: int) -> float:
-        """Find the limit of an actuator's force: its own, or of a plain motor the largest control."""
-        model = self._model
-        if model.actuator_forcelimited[actuator]:
-            return float(abs(model.actuator_forcerange[actuator]).max())
-        plain = model.actuator_biastype[actuator] == int(self._mujoco.mjtBias.mjBIAS_NONE) and model.actuator_ctrllimited[actuator]
-        return float(abs(model.actuator_gainprm[actuator, 0] * model.actuator_ctrlrange[actuator]).max()) if plain else float("inf")
-
-    def _read_equality(self, number: int) -> None:
-        model, types = self._model, self._mujoco.mjtEq
-        kind, name = types(int(model.eq_type[number])), self._name("equality", number)
-        ends = int(model.eq_obj1id[number]), int(model.eq_obj2id[number])
-        if not model.eq_active0[number]:
-            self.notes.append(f"equality {name} is not active: ignored")
-        elif kind in (types.mjEQ_JOINT, types.mjEQ_TENDON):
-            one, other = ({end: 1.0} if kind == types.mjEQ_JOINT else self._tendons[end] if end >= 0 else Terms() for end in ends)
-            self._unused -= set(ends) if kind == types.mjEQ_TENDON else set()
-            constant, slope, *curve = model.eq_data[number, :5].tolist()
-            if ends[1] < 0:
-                other, slope, curve = Terms(), 0.0, []
-            if not (self._joints & {*one, *other}):
-                return
-            if any(curve):
-                coefficients = " ".join(f"{value:g}" for value in (constant, slope, *curve))
-                raise InvalidInput(f"equality {name} is a curve, polycoef {coefficients}; only lines are read: make the last three 0")
-            if not one or (slope and not other):
-                raise InvalidInput(f"equality {name} ties a spatial tendon; tie joints, or tendons of the kind <fixed>")
-            terms = dict(one)
-            for joint, coefficient in other.items():
-                terms[joint] = terms.get(joint, 0.0) - slope * coefficient
-            followers = list(one) if kind == types.mjEQ_JOINT else []
-            self._tie(f"equality {name}", terms, constant, followers)
+    def _add_equality(self, equality: Any) -> list[int]:
+        """Read an equality; return the tendons that it ties."""
+        kind, ends = kind_of("mjtEq", equality.type), [equality.obj1id.item(), equality.obj2id.item()]
+        if not equality.active0:
+            self.notes.append(f"{equality.name} is not active: ignored")
+        elif kind in ("joint", "tendon"):
+            one, other = ({} if end < 0 else {end: 1.0} if kind == "joint" else self._tendons[end] for end in ends)
+            constant, slope, *curve = equality.data[:5].tolist()
+            if not self._joints & {*one, *other}:
+                return []
+            if not one or (ends[1] >= 0 and not other):
+                raise InvalidInput(f"{equality.name} ties a spatial tendon; tie joints, or tendons of the kind <fixed>")
+            if other and any(curve):
+                line = f'polycoef="{constant:g} {slope:g} 0 0 0"'
+                raise InvalidInput(f"{equality.name} ties joints by a curve; only lines are read: write {line}")
+            terms = {joint: one.get(joint, 0.0) - slope * other.get(joint, 0.0) for joint in {**one, **other}}
+            self._tie(equality.name, terms, constant, [*one] if kind == "joint" else [])
+            return ends if kind == "tendon" else []
         else:
-            on_sites = model.eq_objtype[number] == int(self._mujoco.mjtObj.mjOBJ_SITE)
-            bodies = [int(model.site_bodyid[end]) if on_sites else end for end in ends]
-            if self._bodies >= set(bodies):
-                first, second = (self._name("body", body) for body in bodies)
-                raise InvalidInput(
-                    f"equality {name} ties bodies {first} and {second}, which closes a loop, and links must be a tree; in its place, let "
-                    "joints follow another one: <joint joint1=… joint2=… polycoef=…/>"
-                )
-            if self._bodies & set(bodies):
-                self.notes.append(f"equality {name} ties the hand to something else: ignored")
+            self._refuse_loop(equality, ends)
+        return []
 
-    def _read_pulled(self, tendon: int) -> None:
-        """Let the joints that one motor pulls by a tendon move in proportion, those with motors of their own aside."""
-        terms = {joint: coefficient for joint, coefficient in self._tendons[tendon].items() if coefficient and joint not in self._driven}
-        free = [joint for joint in terms if joint in self._joints and self._names[joint] not in self.mimics]
-        for joint in free[1:]:
-            self._tie("", {joint: 1.0, free[0]: -terms[joint] / terms[free[0]]}, 0.0, [joint])
-            what = f"tendon {self._name('tendon', tendon)} moves {self._names[free[0]]} and {self._names[joint]} by one motor"
-            self.notes.append(f"{what}, so that one follows the other, by {terms[joint] / terms[free[0]]:g}")
-        self._unused -= {tendon} if terms else set()
+    def _refuse_loop(self, equality: Any, ends: Sequence[int]) -> None:
+        on_sites = kind_of("mjtObj", self._model.eq_objtype[equality.id]) == "site"
+        bodies = {int(self._model.site_bodyid[end]) if on_sites else end for end in ends}
+        if bodies <= self._bodies:
+            first, second = (self._model.body(body).name for body in bodies)
+            remedy = "in its place, let one joint follow another: <joint joint1=… joint2=… polycoef=…/>"
+            raise InvalidInput(f"{equality.name} ties {first} to {second}, which closes a loop, and links must be a tree; {remedy}")
+        if bodies & self._bodies:
+            self.notes.append(f"{equality.name} ties the hand to something else: ignored")
 
-    def _tie(self, what: str, terms: Terms, constant: float, followers: list[int]) -> None:
-        """Let the sum `terms` be constant: of two joints one follows the other, `followers` first, and rather one without a motor."""
-        model = self._model
-        terms = {joint: coefficient for joint, coefficient in terms.items() if coefficient}
-        rest = {joint: float(model.qpos0[model.jnt_qposadr[joint]]) for joint in terms}
+    def _add_pulled(self, tendon: int) -> None:
+        """Let the joints that one motor pulls by a tendon move in proportion; those that have their own motor or leader do not."""
+        model, name, terms = self._model, self._model.tendon(tendon).name, self._tendons[tendon]
+        leader, *rest = [
+            joint for joint in terms if joint in self._joints - self._driven and terms[joint] and joint not in self.mimics
+        ] or [-1]
+        for joint in rest:
+            slope = terms[joint] / terms[leader]
+            self._tie(name, {joint: 1.0, leader: -slope}, 0.0, [joint])
+            pair = f"{model.joint(leader).name} and {model.joint(joint).name}"
+            self.notes.append(f"tendon {name} moves {pair} by one motor: the second follows the first, by {slope:g}")
+
+    def _tie(self, what: str, terms: Terms, constant: float, followers: Sequence[int]) -> None:
+        """Let the sum `terms` be constant: of two joints one follows the other, rather one without a motor, then one of `followers`."""
+        model, terms = self._model, {joint: coefficient for joint, coefficient in terms.items() if coefficient}
+        names = {joint: model.joint(joint).name for joint in terms}
+        rest = {joint: model.joint(joint).qpos0.item() for joint in terms}
         if len(terms) == 1:
-            ((joint, coefficient),) = terms.items()
-            self.held[joint] = rest[joint] + constant / coefficient
+            self.held |= {joint: rest[joint] + constant / coefficient for joint, coefficient in terms.items()}
             return
-        if len(terms) != 2:
-            listed = ", ".join(self._names[joint] for joint in terms) or "none"
-            raise InvalidInput(f"{what} ties {len(terms)} joints ({listed}); a joint can follow one other")
         order = sorted(terms, key=lambda joint: (joint in self._driven, joint not in followers, -joint))
-        follower = next((joint for joint in order if self._names[joint] not in self.mimics), None)
-        if follower is None:
-            first, second = (self._names[joint] for joint in terms)
-            raise InvalidInput(f"{what} ties joints {first} and {second}, each of which follows another one already; delete a tie")
+        free = [joint for joint in order if joint not in self.mimics]
+        if len(terms) != 2 or not free:
+            raise InvalidInput(f"{what} ties joints {', '.join(names.values())}; a joint can follow one other: delete what ties them")
+        follower = free[0]
         (leader,) = set(terms) - {follower}
         slope = -terms[leader] / terms[follower]
-        offset = rest[follower] + constant / terms[follower] - slope * rest[leader]
-        self.mimics[self._names[follower]] = Mimic(self._names[leader], slope, offset)
+        self.mimics[follower] = Mimic(names[leader], slope, rest[follower] + constant / terms[follower] - slope * rest[leader])

@@ -10,6 +10,8 @@ from typing import Any
 from xml.etree.ElementTree import Element, tostring
 from xml.parsers import expat
 
+import numpy as np
+
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import PROLOGUE, parse_xml, read_file, without_mark
 from pipeline.formats.mesh_companions import MAX_BYTES
@@ -39,8 +41,17 @@ def import_mujoco() -> Any:
     return mujoco
 
 
+def kind_of(
+    enumeration: str,
+    number: Any,  # or an array of one
+) -> str:
+    """Name a value of an enumeration of MuJoCo's: 3 of `mjtJoint` is "hinge"."""
+    name: str = getattr(import_mujoco(), enumeration)(np.asarray(number).item()).name
+    return name.partition("_")[2].lower()
+
+
 def read_spec(path: Path) -> tuple[Any, list[Path]]:
-    """Read an MJCF as a `MjSpec` of MuJoCo that holds all files it compiles from; return them too, this one first."""
+    """Read an MJCF as a `MjSpec` of MuJoCo that holds all files it compiles from, every part named; return the files, this one first."""
     mujoco, files = import_mujoco(), _Files(path)
     text = files.read(path.name)
     whole = files.parse(text, path.name)
@@ -52,6 +63,9 @@ def read_spec(path: Path) -> tuple[Any, list[Path]]:
         except (ValueError, mujoco.FatalError) as error:  # its line is right unless files were put together
             reason = " ".join(str(error).split())
             raise InvalidInput(f"MuJoCo cannot read it: {reason.partition(', line')[0] if included else reason}") from error
+    for kind, elements in (("body", spec.bodies), ("joint", spec.joints), ("tendon", spec.tendons), ("equality", spec.equalities)):
+        for number, element in enumerate(elements):
+            element.name = element.name or f"{kind}-{number}"
     flat = (lambda name: os.path.basename(name.replace("\\", "/"))) if spec.strippath else str
     named = [(spec.meshdir, asset.file) for asset in (*spec.meshes, *spec.hfields, *spec.skins)]
     named += [(spec.texturedir, name) for texture in spec.textures for name in (texture.file, *texture.cubefiles)]

@@ -227,9 +227,7 @@ def _decode(content: bytes) -> str:
 
 def _check_format(robot: Element) -> None:
     if robot.tag != "robot":
-        raise InvalidInput(
-            f"its root is <{robot.tag}>; a hand's `model` must be a URDF file, whose root is <robot>, or an MJCF file, whose root is <mujoco>: convert it"
-        )
+        raise InvalidInput(f"its root is <{robot.tag}>; a hand's `model` must be a URDF, whose root is <robot>, or an MJCF: convert it")
     if (parts := sum(element.tag in ("link", "joint", "visual", "collision") for element in robot.iter())) > MAX_PARTS:
         raise InvalidInput(f"it has {parts} links, joints and shapes, {MAX_PARTS} are the most")
     for element in robot.iter():

@@ -14,6 +14,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.hand.grasp import Grasp
+from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Hand
 from pipeline.physics.hand_mjcf import ARMATURE
 from pipeline.physics.hand_urdf import GEL_MASS, gel_name
@@ -91,3 +92,48 @@ def test_missing_package_is_reported_with_its_extra(monkeypatch: pytest.MonkeyPa
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(InvalidInput, match=r"pip install .*'\.\[mujoco\]'"):
         MujocoHoldTest(pincers, [SENSOR] * 2, mass=0.1)
+
+
+MJCF = """
+<mujoco><worldbody><body name="arm"><freejoint/><geom size="0.1"/><body name="palm" pos="1 0 0"><joint name="wrist" range="-9 9"/>
+  <geom type="box" size="0.02 0.05 0.01"/>
+  <body name="left" pos="0 0.04 0"><joint name="left-slide" type="slide" axis="0 -1 0" range="0 0.02"/>
+    <geom type="box" size="0.01 0.002 0.04" pos="0 0 0.06"/></body>
+  <body name="right" pos="0 -0.04 0"><joint name="right-slide" type="slide" axis="0 1 0" range="0 0.02"/>
+    <joint name="turn" axis="1 0 0" range="-20 20"/><geom type="box" size="0.01 0.002 0.04" pos="0 0 0.06"/></body>
+</body></body></worldbody>
+<tendon><fixed name="pull"><joint joint="left-slide" coef="1"/><joint joint="right-slide" coef="1"/></fixed></tendon>
+<actuator><position tendon="pull" kp="10"/></actuator></mujoco>
+"""
+FINGERS = """{name: pads, model: pads.xml, sensor: gel_16mm, torque: 5, palm: {link: palm, facing: [0, 0, 1], centre: [0, 0, 0.01]},
+  frozen: {turn: 0.1}, fingers: [{name: both, joints: [left-slide], sensors: [
+    {name: l, link: left, origin: [0, -0.002, 0.08], normal: [0, -1, 0], columns: [1, 0, 0]},
+    {name: r, link: right, origin: [0, 0.002, 0.08], normal: [0, 1, 0], columns: [1, 0, 0]}]}]}"""
+
+
+def test_mujoco_loads_an_mjcf_hand_itself_without_the_arm_that_holds_it(tmp_path: Path) -> None:
+    (tmp_path / "pads.xml").write_text(MJCF)
+    (tmp_path / "hand.yaml").write_text(FINGERS)
+    hand, far, pose, angles = (
+        load_hand(tmp_path / "hand.yaml"),
+        centred(trimesh.creation.box((0.05, 0.05, 0.05))),
+        np.eye(4),
+        np.array([0.015]),
+    )
+    pose[0, 3] = 1.0
+    sensors = load_worn_sensors(sensor_names(hand, None))
+    with MujocoHoldTest(hand, sensors, mass=0.2) as test:
+        test.load(far, points_on(far, 500, seed=0)[0])
+        grasp = Grasp(pose, angles, angles, angles, np.empty((0, 4, 4)), [None, None])
+        test.hold(grasp, acceleration=(0.0, 0.0, 0.0), seconds=0.1)
+        joints = {test.model.joint(joint).name: float(test.data.joint(joint).qpos[0]) for joint in range(test.model.njnt - 1)}
+        assert joints.keys() == {"left-slide", "right-slide", "turn", gel_name(0), gel_name(1)}
+        assert joints["left-slide"] == pytest.approx(0.015, abs=1e-4)
+        assert joints["right-slide"] == pytest.approx(0.015, abs=1e-4)
+        assert joints["turn"] == pytest.approx(0.1, abs=1e-2)
+        assert test.model.geom_contype.all()
+        expected_poses = sensor_poses(hand, pose, angles)
+        for number in range(2):
+            plate = test.data.body(gel_name(number))
+            np.testing.assert_allclose(plate.xpos, expected_poses[number, :3, 3], atol=2e-3)
+            np.testing.assert_allclose(plate.xmat.reshape(3, 3), expected_poses[number, :3, :3], atol=1e-2)

@@ -11,8 +11,8 @@ import pytest
 import trimesh
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.hand_file import load_hand
-from pipeline.formats.mjcf import parse_mjcf, read_mjcf
+from pipeline.formats.hand_file import load_hand, read_model
+from pipeline.formats.mjcf import read_mjcf
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
@@ -132,7 +132,7 @@ def posed(hand: Hand, angles: Sequence[float]) -> tuple[mujoco.MjModel, mujoco.M
 
 def set_posture(hand: Hand, data: mujoco.MjData, angles: Sequence[float]) -> None:
     values = dict(zip(hand.joint_names, angles, strict=True)) | dict(hand.frozen)
-    values |= {hand.joints[follower.link - 1].name: follower.of(np.asarray(angles)) for follower in hand.followers}
+    values |= {hand.joints[follower.link - 1].name: float(follower.of(np.asarray(angles))) for follower in hand.followers}
     for name, value in values.items():
         data.joint(name).qpos = value
 
@@ -172,3 +172,120 @@ def test_points_of_shapes_lie_in_mujocos_geoms(claw: Hand) -> None:
             low, high = model.geom_aabb[geom, :3] - model.geom_aabb[geom, 3:], model.geom_aabb[geom, :3] + model.geom_aabb[geom, 3:]
             np.testing.assert_allclose(local.min(axis=0), low, atol=1e-3 * (high - low).max())
             np.testing.assert_allclose(local.max(axis=0), high, atol=1e-3 * (high - low).max())
+
+
+def test_joints_that_a_motor_or_an_equality_couples_follow_one_of_them(claw: Hand) -> None:
+    """`right3` − 20° = 0.1 + 0.5 (`right2` + 5°); `left1` and `left2` move by 2 to −1, as their tendon is pulled."""
+    followers = {claw.joints[follower.link - 1].name: follower for follower in claw.followers}
+    assert followers.keys() == {"right3", "left2"}
+    right, left = followers["right3"], followers["left2"]
+    assert (claw.joint_names[right.entry], right.multiplier) == ("right2", 0.5)
+    assert right.offset == pytest.approx(np.radians(20) + 0.1 + 0.5 * np.radians(5))
+    assert (claw.joint_names[left.entry], left.multiplier, left.offset) == ("left1", -0.5, 0)
+
+
+def test_weakest_actuator_limits_torque(claw: Hand) -> None:
+    """The motor pulls `left2` with 0.25 N m, `left1` with 0.5 N m."""
+    assert claw.torque == 0.25
+
+
+def test_what_is_seen_of_a_link_are_its_geoms_for_the_eye_alone(claw: Hand) -> None:
+    shapes = {link.name: ([shape.kind for shape in link.visuals], [shape.kind for shape in link.collisions]) for link in claw.links}
+    assert shapes["left-tip"] == (["mesh"], ["mesh"])
+    assert shapes["right-tip"] == (["mesh", "mesh"], ["mesh", "mesh"])
+    assert shapes["stump"] == ([], ["cylinder"])  # of group 4
+    colors = {link.name: link.visuals[0].mesh.look.base_color[0, :3].tolist() for link in claw.links if link.visuals}
+    assert colors["left-tip"] == [0, 0, 255]
+    assert colors["right-tip"] == [255, 128, 128]
+
+
+def test_files_that_an_mjcf_names_belong_to_the_hand(claw: Hand) -> None:
+    folder = claw.path.parent
+    assert {file.relative_to(folder).as_posix() for file in claw.files} == {
+        "hand.yaml",
+        "model/claw.xml",
+        "model/left.xml",
+        "model/parts/tip.xml",
+        "model/meshes/tip.stl",
+        "model/meshes/skin.png",
+    }
+
+
+def test_check_says_what_is_ignored(claw: Hand) -> None:
+    text = "\n".join(read_model(claw.model, "palm").notes)
+    for part in (
+        "grasps do without: cameras (1), lights (1), sites (1), keyframes (1), excluded contacts (1), textures (1)",
+        "equality-1 is not active: ignored",
+        "tendon pull moves left1 and left2 by one motor: the second follows the first, by -0.5",
+        "no actuator of the MJCF moves wrist, left-slide; here each has a motor, unless it is frozen",
+    ):
+        assert part in text
+
+
+BODY = '<mujoco>{}<worldbody><body name="palm"><geom size="0.01"/>{}</body></worldbody>{}</mujoco>'
+FINGER = '<body name="tip"><joint name="j" range="0 90"/><geom size="0.01"/>{}</body>'
+PAIR = FINGER.format("") + '<body name="other"><joint name="k" range="0 90"/><geom size="0.01"/></body>'
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (
+            BODY.format("", '<body name="tip"><joint name="j" type="ball"/><geom size="0.01"/></body>', ""),
+            "joint j is a ball joint; write three hinges",
+        ),
+        (
+            BODY.format("", '<body name="tip"><joint name="j" type="slide"/><geom size="0.01"/></body>', ""),
+            "joint j slides without a limit; give it a",
+        ),
+        (
+            BODY.format('<compiler angle="radian"/>', FINGER.format(""), ""),
+            "joint j has limits 0 … 90 rad, beyond 6.35; are they in degrees?",
+        ),
+        (
+            BODY.format("", FINGER.format("").replace("90", "1.5"), ""),
+            'all joints turn by less than 6.3°; are angles in radians? Then write <compiler angle="radian"/>',
+        ),
+        (
+            BODY.format("", PAIR, '<equality><joint joint1="j" joint2="k" polycoef="0 1 0.5 0 0"/></equality>'),
+            'equality-0 ties joints by a curve; only lines are read: write polycoef="0 1 0 0 0"',
+        ),
+        (
+            BODY.format("", PAIR, '<equality><connect body1="tip" body2="other" anchor="0 0 0"/></equality>'),
+            "equality-0 ties tip to other, which closes a loop, and links must be a tree",
+        ),
+        (
+            BODY.format("", PAIR, '<equality><weld body1="tip" body2="other"/></equality>'),
+            "equality-0 ties tip to other, which closes a loop",
+        ),
+        (BODY.format("", "", "").replace("palm", "hand"), "there is no body 'palm'; there are hand"),
+        (
+            BODY.format("<extension><plugin plugin='mujoco.pid'/></extension>", "", ""),
+            "hand.xml has <plugin>, a plugin, which is code: delete it, and what uses it",
+        ),
+        (BODY.format("<asset><model name='a' file='a.xml'/></asset>", "", ""), "hand.xml has <model>, another model that it attaches"),
+        (BODY.format("<include file='/etc/passwd'/>", "", ""), "it names '/etc/passwd', outside"),
+        (BODY.format("<include file='../hand.yaml'/>", "", ""), "it names '../hand.yaml', outside"),
+        (BODY.format("<include file='hand.xml'/>", "", ""), "it includes 'hand.xml' twice, or the file includes itself"),
+        (BODY.format("<include file='none.xml'/>", "", ""), "none.xml, which it names, cannot be read (No such file or directory)"),
+        (BODY.format("<asset><mesh file='../../secret.stl'/></asset>", "", ""), "it names '../../secret.stl', outside"),
+        (BODY.format("<compiler meshdir='/etc'/><asset><mesh file='a.stl'/></asset>", "", ""), "it names '/etc/a.stl', outside"),
+        (BODY.format("<asset><texture type='2d' name='t' file='../t.png'/></asset>", "", ""), "it names '../t.png', outside"),
+        (BODY.format("<asset><hfield name='h' file='../t.png' size='1 1 1 1'/></asset>", "", ""), "it names '../t.png', outside"),
+        (BODY.format("", "<flexcomp name='f' type='mesh' file='../mesh.obj' mass='1'/>", ""), "MuJoCo cannot read it: "),
+        (BODY.format("<asset><mesh file='hand.stl'/></asset>", "", ""), "hand.stl, which it names, cannot be read"),
+        (BODY.format("<nothing/>", "", ""), "MuJoCo cannot read it: XML Error: Schema violation: unrecognized element"),
+        (BODY.format("", "<body><joint/></body>", ""), "MuJoCo cannot compile it: "),
+        ("<mujoco>", "hand.xml is not XML (no element found: line 1, column 8)"),
+        ('<!DOCTYPE m [<!ENTITY a SYSTEM "/etc/passwd">]><mujoco/>', "its XML declares a document type or entities"),
+        (
+            BODY.format("", "<replicate count='600'><body><geom size='1'/></body></replicate>", ""),
+            "it has 1202 bodies, joints and geoms, 1000 are",
+        ),
+    ],
+)
+def test_what_cannot_be_read_is_named_with_the_remedy(tmp_path: Path, content: str, message: str) -> None:
+    (path := tmp_path / "hand.xml").write_text(content)
+    (tmp_path.parent / "secret.stl").touch()
+    with pytest.raises(InvalidInput, match=rf"hand\.xml: .*{re.escape(message)}"):
+        read_mjcf(path, "palm")

@@ -50,7 +50,7 @@ def test_encoding_is_that_of_the_mark_or_the_declaration(tmp_path: Path, content
         (declared("klingon").encode(), "it is not text in klingon (unknown encoding: klingon); save it as UTF-8"),
         (b"", "it is an empty file"),
         (b"<robot", "it is not XML (unclosed token: line 1, column 0); a hand's `model` must be a URDF or an MJCF file"),
-        (b"<sdf><model/></sdf>", "its root is <sdf>; a hand's `model` must be a URDF file, whose root is <robot>, or an MJCF file"),
+        (b"<sdf><model/></sdf>", "its root is <sdf>; a hand's `model` must be a URDF, whose root is <robot>, or an MJCF"),
         (b"<!DOCTYPE html>\n<html><body/></html>", "it is a web page (HTML); download the file itself"),
         (
             b'<robot name="r"><link name="${side}_palm"/></robot>',
