@@ -103,8 +103,8 @@ class ReadGrasps(GraspStage):
         counts = [len(lines) for lines in read.values()]
         yield f"{pluralise(sum(counts), 'grasp')} of {pluralise(len(read))} read, {sum(map(len, refused.values()))} refused"
         if refused:
-            name, reasons = next(iter(refused.items()))
-            yield f"warning: grasps of {pluralise(len(refused))} refused ({abbreviate([*refused])}); of {name}: {abbreviate(reasons)}"
+            reasons = next(iter(refused.values()))
+            yield f"warning: grasps of {pluralise(len(refused))} refused ({abbreviate([*refused])}; all in `refused_grasps`), {reasons[0]}"
         if counts and max(counts) < settings.grasps:
             yield f"no object has more than {pluralise(max(counts), 'grasp')}: read-grasps.grasps={max(counts)} saves the empty ones"
 
