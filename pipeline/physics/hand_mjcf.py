@@ -40,7 +40,8 @@ def hand_spec(
         kind = hand.joints[link - 1].kind
         spec.joint(name).armature = ARMATURE[kind]
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, forcerange=[-hand.torque, hand.torque])
-        motor.set_to_position(kp=gain[kind], dampratio=1.0)
+        motor.biastype = mujoco.mjtBias.mjBIAS_AFFINE  # set_to_position() writes MJCF that MuJoCo 3.3, which DexGraspBench needs, refuses
+        motor.gainprm[0], motor.biasprm[:3] = gain[kind], [0, -gain[kind], 1]  # critically damped
     for follower in hand.followers:
         gear = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, **HARD)
         gear.name1, gear.name2 = hand.joints[follower.link - 1].name, hand.joint_names[follower.entry]

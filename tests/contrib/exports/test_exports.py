@@ -139,7 +139,7 @@ def test_exports_of_other_packages_are_written(data, tmp_path, monkeypatch):
     assert "unknown export mesh; choose from names" in vt("export", data, tmp_path / "other", fails=True)
 
 
-def test_object_option_is_for_scenes_only(data, tmp_path):
+def test_object_option_is_refused_by_tables(data, tmp_path):
     refused = vt("export", data, tmp_path / "out", "--to", "webdataset", "--object", "a", fails=True)
     assert "--object is no option of --to webdataset" in refused
 

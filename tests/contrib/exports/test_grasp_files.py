@@ -4,15 +4,23 @@ import json
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 import trimesh
+import yaml
 from scipy.spatial.transform import Rotation
 
 from pipeline.config.settings import Settings
+from pipeline.contrib.exports import grasp_files
+from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
+from pipeline.errors import InvalidInput
+from pipeline.store.directory import DataDirectory
+from schemas.surfaces import SURFACES
 from tests.command_line import vt
+from tests.contrib.exports.test_exports import elastic  # noqa: F401
 from tests.engine.tiny_stages import pack
 from tests.stages import ball_dataset
 from tests.stages.ball_dataset import CENTRE, SCALE, TURN
@@ -38,13 +46,15 @@ def exported(data: Path, out: Path, form: str) -> Path:
 def test_arrays_are_in_the_frame_and_unit_of_the_object_file(data: Path, tmp_path: Path) -> None:
     rows = ObjectRows(data, ["hand_pose", "touch_success", "points"], split=None)
     out = exported(data, tmp_path / "out", "grasps")
-    assert {path.stem for path in out.iterdir()} == set(rows.object_ids)
+    assert {path.name for path in out.iterdir()} == {f"{name}.{suffix}" for name in rows.object_ids for suffix in ("npz", "obj")}
     for name in rows.object_ids:
         with np.load(out / f"{name}.npz") as stored:
             poses, points, normals = stored["hand_pose"], stored["contact_points"], stored["contact_normals"]
             assert float(stored["metres_per_unit"]) == pytest.approx(SCALE)
             assert len(stored["joint_names"]) == stored["grasp"].shape[1] == stored["squeeze"].shape[1]
-            assert "held" not in stored
+            assert not {"held", "force", "pressure"} & set(stored)
+            assert stored["sensors"].tolist() == ["gel_16mm"] * 4
+            mesh = trimesh.load(out / str(stored["object_file"]), process=False)
         world = rows.read("hand_pose", name)
         np.testing.assert_allclose(SCALE * poses[:, :3, 3] @ TURN.T + CENTRE, world[:, :3, 3], atol=1e-9)
         np.testing.assert_allclose(TURN @ poses[:, :3, :3], world[:, :3, :3], atol=1e-9)
@@ -52,8 +62,27 @@ def test_arrays_are_in_the_frame_and_unit_of_the_object_file(data: Path, tmp_pat
         assert (np.isfinite(points).all(axis=2) == touched).all()
         radius = np.linalg.norm(rows.read("points", name) - CENTRE, axis=1).mean() / SCALE  # mm
         np.testing.assert_allclose(np.linalg.norm(points[touched], axis=1), radius, rtol=0.02)
+        np.testing.assert_allclose(np.linalg.norm(mesh.vertices, axis=1), radius, rtol=0.02)
+        np.testing.assert_allclose(
+            SCALE * mesh.vertices @ TURN.T + CENTRE,
+            read_mesh(DataDirectory(data).collection(SURFACES).view(name)).vertices,
+            rtol=0,
+            atol=1e-12,
+        )
         facing = (points[touched] * normals[touched]).sum(axis=1)
         np.testing.assert_allclose(facing, -radius, rtol=0.02)  # into the ball
+
+
+def test_arrays_have_forces_pressures_and_what_held_with_their_units(elastic: Path, tmp_path: Path) -> None:  # noqa: F811
+    rows = ObjectRows(elastic, ["force", "pressure", "held", "sensor_pose"], split=None)
+    out = exported(elastic, tmp_path / "out", "grasps")
+    for name in rows.object_ids:
+        with np.load(out / f"{name}.npz") as stored:
+            for array in ("force", "pressure", "held"):
+                np.testing.assert_array_equal(stored[array], rows.read(array, name))
+            assert {"force: N", "pressure: Pa"} <= set(stored["units"].tolist())
+            moved = SCALE * stored["sensor_pose"][..., :3, 3] @ TURN.T + CENTRE
+            np.testing.assert_allclose(moved, rows.read("sensor_pose", name)[..., :3, 3], atol=1e-9)
 
 
 @pytest.mark.parametrize("form", ["grasps", "mesh", "webdataset"])
@@ -88,6 +117,41 @@ def test_dexgraspbench_files_keep_poses_and_mass(data: Path, tmp_path: Path) -> 
     parts = [trimesh.load(path) for path in (folder / "urdf" / "meshes").iterdir()]
     assert sum(part.volume for part in parts) == pytest.approx(about["mass"], rel=1e-6)
     assert about["mass"] == pytest.approx(4 / 3 * np.pi * radius**3, rel=0.05)
+
+
+def test_dexgraspbench_has_the_hand_whose_joints_are_in_the_order_of_qpos(data: Path, tmp_path: Path) -> None:
+    out = exported(data, tmp_path / "out", "dexgraspbench")
+    described = yaml.safe_load((out / "config" / "hand" / "allegro_right.yaml").read_text())
+    model = mujoco.MjModel.from_xml_path(str(out / described["xml_path"]))
+    names = [model.joint(number).name for number in range(model.njnt)]
+    bodies = {model.body(number).name for number in range(model.nbody)}
+    assert {*described["valid_body_name"], *described["tip_body_name"], *described["finger_prefix"]} <= bodies
+    for file in out.rglob("*.npy"):
+        assert np.load(file, allow_pickle=True).item()["joint_names"].tolist() == names
+
+
+def test_each_object_is_written_when_it_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ball_dataset.make_data(tmp_path / "data", 2)
+    written = grasp_files._write_object
+
+    def fails(grasped: Any, folder: Path) -> None:
+        if grasped.name == "b":
+            raise InvalidInput("no parts")
+        written(grasped, folder)
+
+    monkeypatch.setattr(grasp_files, "_write_object", fails)
+    out = tmp_path / "out"
+    assert "no parts" in vt("export", tmp_path / "data", out, "--to", "dexgraspbench", fails=True)
+    assert {path.name for path in (out / "assets" / "vt-pipeline").iterdir()} == {"a"}
+    assert len([*out.rglob("*.npy")]) == 5
+    monkeypatch.undo()
+    vt("export", tmp_path / "data", tmp_path / "b", "--to", "dexgraspbench", "--object", "b")
+    assert {path.name for path in (tmp_path / "b" / "assets" / "vt-pipeline").iterdir()} == {"b"}
+
+
+@pytest.mark.parametrize("form", ["grasps", "dexgraspbench"])
+def test_unknown_object_is_refused_by_exports_for_robots(data: Path, tmp_path: Path, form: str) -> None:
+    assert vt("export", data, tmp_path / "out", "--to", form, "--object", "zebra", fails=True).endswith("it has a")
 
 
 def test_grasps_of_other_surfaces_are_refused(tmp_path: Path) -> None:
