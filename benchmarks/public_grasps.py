@@ -48,11 +48,24 @@ NOTES = (
 
 @dataclass(frozen=True, eq=False)
 class GraspSet:
-    """A set of grasps, object by object, and what the tests say."""
+    """A set of grasps, and what the tests say."""
 
-    judged: list[dict[str, Any]]  # by the benchmark's own test
-    held: HoldResults  # by ours
+    judged: list[list[dict[str, Any]]]  # by object, every grasp by the benchmark's own test
+    held: HoldResults  # the first of each object, by ours
     seconds: float | None = None  # of one processor, that making one took
+
+    def measured(self, name: str, each: int | None = None) -> np.ndarray:
+        """Return what the benchmark's own test found of all grasps, or of the first of each object."""
+        return np.array([grasp[name] for grasps in self.judged for grasp in grasps[:each]], float)
+
+    def holds(self, engine: Engine, test: str = "dexgraspbench") -> np.ndarray:
+        """Return the verdicts of a test of ours."""
+        return self.held[test, engine][0]
+
+    def agrees(self, engine: Engine) -> np.ndarray:
+        """Compare verdicts of that test here with its own."""
+        held = self.holds(engine)
+        return held == self.measured("succ_flag", len(held) // len(self.judged))
 
 
 def main() -> None:
@@ -60,6 +73,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.public_grasps", description=__doc__.splitlines()[0])
     parser.add_argument("public", type=Path, help="a clone of DexGraspBench with its submodule")
     parser.add_argument("--data", type=Path, default=Path("data/public-grasps"), help="what is made; default: %(default)s")
+    parser.add_argument("--each", type=int, default=THEIRS, help="of an object at a scale that our tests take; default: %(default)s")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="objects at once; default: %(default)s")
     parser.add_argument("--write", type=Path, help="write the table into this page")
     options = parser.parse_args()
@@ -72,8 +86,8 @@ def main() -> None:
         subprocess.run([*PIPELINE, "export", ours, exported, "--to", "dexgraspbench"], check=True)
         shutil.copytree(exported, bench, dirs_exist_ok=True)
     sets = {
-        "DexGraspBench's": judge(shipped, bench, "example", "shadow", options.workers),
-        "ours": judge(ours, bench, "vt-pipeline", "shadow_gels", options.workers, seconds),
+        "DexGraspBench's": judge(shipped, bench, "example", "shadow", options),
+        "ours": judge(ours, bench, "vt-pipeline", "shadow_gels", options, seconds),
     }
     origin = "`{command}` · commit {commit} · {machine} · {date}".format(**provenance("", "python -m benchmarks.public_grasps"))
     section = table(sets).markdown(origin)
@@ -121,51 +135,40 @@ def made(data: Path) -> list[str]:
     return [name for name in grasps if grasps.failure(name) is None]
 
 
-def judge(data: Path, bench: Path, output: str, hand: str, workers: int, seconds: float | None = None) -> GraspSet:
+def judge(data: Path, bench: Path, output: str, hand: str, options: argparse.Namespace, seconds: float | None = None) -> GraspSet:
     """Test a dataset's grasps, which the benchmark has in a folder of its `output`, by its own test and by ours."""
     if not PYTHON.exists():
         raise RuntimeError(f"{PYTHON} is missing; `make bench-grasps PUBLIC=FOLDER` installs it")
-    command = ["src/main.py", "task=eval", f"exp_name={output}", f"hand={hand}", f"n_worker={workers}", "task.analytic_fc_metrics=null"]
-    subprocess.run([PYTHON, "-W", "ignore", *command], cwd=bench, check=True)
+    chosen = [f"exp_name={output}", f"hand={hand}", f"n_worker={options.workers}", "task.analytic_fc_metrics=null"]
+    subprocess.run([PYTHON, "-W", "ignore", "src/main.py", "task=eval", *chosen], cwd=bench, check=True)
     evaluated = bench / "output" / f"{output}_{hand}" / "evaluation"
     scenes = [name.replace("-scale", "/scale") if output == "example" else f"{name}/scale_pose000" for name in made(data)]
-    files = [evaluated / scene / f"{number}.npy" for scene in scenes for number in range(THEIRS if output == "example" else OURS)]
-    judged = [np.load(file, allow_pickle=True).item() for file in files]  # written by the code that we ran
-    return GraspSet(judged, measure(data, TESTS, ENGINES, workers), seconds)
+    each = range(THEIRS if output == "example" else OURS)
+    judged = [[np.load(evaluated / scene / f"{number}.npy", allow_pickle=True).item() for number in each] for scene in scenes]
+    return GraspSet(judged, measure(data, TESTS, ENGINES, options.workers, options.each), seconds)
 
 
 def table(sets: Mapping[str, GraspSet]) -> Table:
-    """Tabulate both sets."""
+    """Tabulate the sets."""
     result = Table("Grasps: DexGraspBench's examples", [*sets], NOTES)
 
     def add(name: str, of: Callable[[GraspSet], object]) -> None:
         result.add(name, *map(of, sets.values()))
 
-    def verdicts(grasps: GraspSet) -> np.ndarray:
-        return np.array([bool(each["succ_flag"]) for each in grasps.judged])
+    def add_per_engine(name: str, of: Callable[[GraspSet, Engine], float], digits: str = ".0f") -> None:
+        add(f"{name}: {', '.join(ENGINES)}", lambda grasps: ", ".join(format(of(grasps, engine), digits) for engine in ENGINES))
 
-    def millimetres(grasps: GraspSet) -> np.ndarray:
-        return np.array([1e3 * each["ho_pene"] for each in grasps.judged])
-
-    def per_engine(of: Callable[[GraspSet, Engine], float], digits: str = ".0f") -> Callable[[GraspSet], str]:
-        return lambda grasps: ", ".join(format(of(grasps, engine), digits) for engine in ENGINES)
-
-    add("grasps", lambda grasps: len(grasps.judged))
-    add("held in its own test, %", lambda grasps: f"{100 * verdicts(grasps).mean():.0f}")
-    add("held in that test here, in MuJoCo, in PyBullet, %", per_engine(lambda grasps, engine: 100 * held(grasps, engine).mean()))
-    add("with the verdict of its own test, %", per_engine(lambda grasps, engine: 100 * (held(grasps, engine) == verdicts(grasps)).mean()))
-    add("held against the weight of 0.2 kg, %", per_engine(lambda grasps, engine: 100 * held(grasps, engine, "lift").mean()))
-    add("mm inside the object: median / 99 % / most", lambda grasps: quantiles(millimetres(grasps)))
-    add("≤ 1 mm inside, %", lambda grasps: f"{100 * (millimetres(grasps) <= 1).mean():.0f}")
-    add("links in contact", lambda grasps: f"{np.mean([each['contact_num'] for each in grasps.judged]):.1f}")
+    add("grasps in its own test, in ours", lambda grasps: f"{grasps.measured('succ_flag').size}, {grasps.holds('mujoco').size}")
+    add("held in its own test, %", lambda grasps: f"{100 * grasps.measured('succ_flag').mean():.0f}")
+    add_per_engine("held in that test here, %", lambda grasps, engine: 100 * grasps.holds(engine).mean())
+    add_per_engine("same verdict as in its own, %", lambda grasps, engine: 100 * grasps.agrees(engine).mean())
+    add_per_engine("held against the weight of 0.2 kg, %", lambda grasps, engine: 100 * grasps.holds(engine, "lift").mean())
+    add("mm inside the object: median / 99 % / most", lambda grasps: quantiles(1e3 * grasps.measured("ho_pene")))
+    add("at most 1 mm inside, %", lambda grasps: f"{100 * (grasps.measured('ho_pene') <= 1e-3).mean():.0f}")
+    add("links in contact", lambda grasps: f"{grasps.measured('contact_num').mean():.1f}")
     add("processor seconds to make a grasp", lambda grasps: three_digits(grasps.seconds) if grasps.seconds else "–")
-    add("processor seconds of that test here", per_engine(lambda grasps, engine: grasps.held["dexgraspbench", engine][1], ".1f"))
+    add_per_engine("processor seconds of that test here", lambda grasps, engine: grasps.held["dexgraspbench", engine][1], ".1f")
     return result
-
-
-def held(grasps: GraspSet, engine: Engine, name: str = "dexgraspbench") -> np.ndarray:
-    """Return the verdicts of a test of ours."""
-    return grasps.held[name, engine][0]
 
 
 if __name__ == "__main__":
