@@ -1,7 +1,7 @@
 """Compare the 400 grasps that DexGraspBench ships with ours of the same objects and hand: `python -m benchmarks.public_grasps PUBLIC`.
 
 PUBLIC is a clone of JYChen18/DexGraspBench with its submodule. Both sets go through its own test, unchanged, in a copy that gets our grasps
-too, and through the same test as it is here, in two engines. `make bench-grasps PUBLIC=FOLDER` installs what its own test needs.
+too, and through our tests in two engines. `make bench-grasps PUBLIC=FOLDER` installs what its own test needs.
 """
 
 import argparse
@@ -33,7 +33,6 @@ PALM = "[0,0,0.034,1,0,0,0]"
 """The root link in the frame whose poses the files state, that of the MJCF's world."""
 THEIRS, OURS = 20, 5
 """Grasps per object and scale."""
-TESTS = ("dexgraspbench", "lift")
 ENGINES: tuple[Engine, ...] = ("mujoco", "pybullet")
 PIPELINE = (sys.executable, "-m", "pipeline")
 NOTES = (
@@ -48,7 +47,7 @@ NOTES = (
 
 @dataclass(frozen=True, eq=False)
 class GraspSet:
-    """A set of grasps, and what the tests say."""
+    """A set of grasps, and what the tests say: in PyBullet `lift` alone, where fingers that close around a free object push it away."""
 
     judged: list[list[dict[str, Any]]]  # by object, every grasp by the benchmark's own test
     held: HoldResults  # the first of each object, by ours
@@ -58,14 +57,15 @@ class GraspSet:
         """Return what the benchmark's own test found of all grasps, or of the first of each object."""
         return np.array([grasp[name] for grasps in self.judged for grasp in grasps[:each]], float)
 
-    def holds(self, engine: Engine, test: str = "dexgraspbench") -> np.ndarray:
-        """Return the verdicts of a test of ours."""
-        return self.held[test, engine][0]
+    @property
+    def holds(self) -> np.ndarray:
+        """The verdicts of that test here."""
+        return self.held["dexgraspbench", "mujoco"][0]
 
-    def agrees(self, engine: Engine) -> np.ndarray:
-        """Compare verdicts of that test here with its own."""
-        held = self.holds(engine)
-        return held == self.measured("succ_flag", len(held) // len(self.judged))
+    @property
+    def agrees(self) -> np.ndarray:
+        """Whether they are those of its own test."""
+        return np.equal(self.holds, self.measured("succ_flag", len(self.holds) // len(self.judged)))
 
 
 def main() -> None:
@@ -85,6 +85,9 @@ def main() -> None:
     if not exported.exists():
         subprocess.run([*PIPELINE, "export", ours, exported, "--to", "dexgraspbench"], check=True)
         shutil.copytree(exported, bench, dirs_exist_ok=True)
+        for assets in (bench / "assets/vt-pipeline").iterdir():  # the same convex parts for both sets
+            shutil.rmtree(assets)
+            assets.symlink_to(bench / "assets/example_object" / assets.name.split("-scale")[0])
     sets = {
         "DexGraspBench's": judge(shipped, bench, "example", "shadow", options),
         "ours": judge(ours, bench, "vt-pipeline", "shadow_gels", options, seconds),
@@ -145,7 +148,8 @@ def judge(data: Path, bench: Path, output: str, hand: str, options: argparse.Nam
     scenes = [name.replace("-scale", "/scale") if output == "example" else f"{name}/scale_pose000" for name in made(data)]
     each = range(THEIRS if output == "example" else OURS)
     judged = [[np.load(evaluated / scene / f"{number}.npy", allow_pickle=True).item() for number in each] for scene in scenes]
-    return GraspSet(judged, measure(data, TESTS, ENGINES, options.workers, options.each), seconds)
+    held = measure(data, ("dexgraspbench", "lift"), ("mujoco",), options.workers, options.each)
+    return GraspSet(judged, held | measure(data, ("lift",), ("pybullet",), options.workers, options.each), seconds)
 
 
 def table(sets: Mapping[str, GraspSet]) -> Table:
@@ -155,19 +159,20 @@ def table(sets: Mapping[str, GraspSet]) -> Table:
     def add(name: str, of: Callable[[GraspSet], object]) -> None:
         result.add(name, *map(of, sets.values()))
 
-    def add_per_engine(name: str, of: Callable[[GraspSet, Engine], float], digits: str = ".0f") -> None:
-        add(f"{name}: {', '.join(ENGINES)}", lambda grasps: ", ".join(format(of(grasps, engine), digits) for engine in ENGINES))
+    def lift(grasps: GraspSet, entry: int) -> list[float]:
+        return [float(np.mean(grasps.held["lift", engine][entry])) for engine in ENGINES]
 
-    add("grasps in its own test, in ours", lambda grasps: f"{grasps.measured('succ_flag').size}, {grasps.holds('mujoco').size}")
+    add("grasps in its own test, in ours", lambda grasps: f"{grasps.measured('succ_flag').size}, {grasps.holds.size}")
     add("held in its own test, %", lambda grasps: f"{100 * grasps.measured('succ_flag').mean():.0f}")
-    add_per_engine("held in that test here, %", lambda grasps, engine: 100 * grasps.holds(engine).mean())
-    add_per_engine("same verdict as in its own, %", lambda grasps, engine: 100 * grasps.agrees(engine).mean())
-    add_per_engine("held against the weight of 0.2 kg, %", lambda grasps, engine: 100 * grasps.holds(engine, "lift").mean())
+    add("held in that test here, in MuJoCo, %", lambda grasps: f"{100 * grasps.holds.mean():.0f}")
+    add("same verdict in both, %", lambda grasps: f"{100 * grasps.agrees.mean():.0f}")
+    add("held against 0.2 kg: MuJoCo, PyBullet, %", lambda grasps: ", ".join(f"{100 * share:.0f}" for share in lift(grasps, 0)))
     add("mm inside the object: median / 99 % / most", lambda grasps: quantiles(1e3 * grasps.measured("ho_pene")))
     add("at most 1 mm inside, %", lambda grasps: f"{100 * (grasps.measured('ho_pene') <= 1e-3).mean():.0f}")
     add("links in contact", lambda grasps: f"{grasps.measured('contact_num').mean():.1f}")
     add("processor seconds to make a grasp", lambda grasps: three_digits(grasps.seconds) if grasps.seconds else "–")
-    add_per_engine("processor seconds of that test here", lambda grasps, engine: grasps.held["dexgraspbench", engine][1], ".1f")
+    add("processor seconds of that test here", lambda grasps: three_digits(grasps.held["dexgraspbench", "mujoco"][1]))
+    add("of that against 0.2 kg: MuJoCo, PyBullet", lambda grasps: ", ".join(map(three_digits, lift(grasps, 1))))
     return result
 
 
