@@ -29,16 +29,17 @@ def test_clone_is_copied_with_its_scenes_as_objects(clone: Path, tmp_path: Path)
     bench = tmp_path / "bench"
     assert prepare(clone, bench) == ["one", "two"]
     assert (bench / "catalogue.csv").read_text().splitlines()[1:] == [
-        "core_jar_1-scale006_pose000,jar,assets/example_object/core_jar_1/mesh/simplified.obj,0.06",
-        "core_jar_1-scale012_pose000,jar,assets/example_object/core_jar_1/mesh/simplified.obj,0.12",
+        "core_jar_1-scale006_pose000,jar,assets/example_object/core_jar_1/mesh/simplified.obj,y,0.06",
+        "core_jar_1-scale012_pose000,jar,assets/example_object/core_jar_1/mesh/simplified.obj,y,0.12",
     ]
     assert yaml.safe_load((bench / "objects.yaml").read_text())["splits"]["test"] == 2
     assert not (bench / ".git").exists()
 
 
 def grasps(own: list[list[bool]], ours: list[bool]) -> GraspSet:
-    judged = [[{"succ_flag": flag, "ho_pene": 2e-3 * flag, "contact_num": 4} for flag in flags] for flags in own]
-    return GraspSet(judged, {(test, engine): (np.array(ours), 1.5) for test in GRASP_TESTS for engine in ENGINES})
+    judged = [[{"succ_flag": flag, "ho_pene": 0.0, "contact_num": 4} for flag in flags] for flags in own]
+    held = {(test, engine): (np.array(ours), 1.5) for test in GRASP_TESTS for engine in ENGINES}
+    return GraspSet(judged, held, np.array([0.0, 0.001, 0.002, 0.003]))
 
 
 def test_verdicts_are_compared_for_the_grasps_that_both_tests_took() -> None:
