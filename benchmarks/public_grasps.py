@@ -41,8 +41,8 @@ NOTES = (
     "(Chen et al. 2024, with an object of 30 g; the test's is of 100 g).",
     "Ours are what `search=hold` keeps: held against the weight of 0.2 kg in PyBullet. The search does not know the test.",
     "Its own test is `task=eval` with its settings. It counts links within 2 mm, theirs with bare fingertips. Of ours the gels are rigid "
-    "plates there, 2 mm before the fingertips: they are as far inside the object as it pressed the soft gels in. Our tests put gels on springs "
-    "on the hand of both sets.",
+    "plates there, 2 mm before the fingertips: as far inside the object as it pressed the soft gels in. Our tests put gels on springs on "
+    "the hand of both sets.",
     "In PyBullet fingers that close around a free object push it away: none of 13 of DexGraspBench's grasps passed that test there.",
 )
 
