@@ -6,6 +6,7 @@
 #   DATA=...          data directory, or s3://BUCKET/PREFIX; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET
 #   OBJECTS=...       folder of meshes, for manifests that name none
 #   UNITS=mm UP=y     unit and up-axis of OBJECTS' files, to keep real sizes; by default what glTF, COLLADA and 3MF state; others: 0.5 m, z up
+#   GRASPS=...        simulate-grasps, or read-grasps for your own files: GRASPS=read-grasps SET="read-grasps.folder=FOLDER"
 #   SET="..."         settings: SET="simulate-grasps.attempts=20 simulate-touch.tracer=sphere", no value with a blank (vt-pipeline --set takes it)
 #   SHARDS=...        shards the objects are split into; by default the number that the dataset has, 1 for a new one
 #   WORKERS=0         processes per shard; 0 is one per core (1 where `make -j` runs several shards at a time)
@@ -27,7 +28,7 @@ MAKEFLAGS += --no-builtin-rules
 
 # ---- Values. They are taken as they are: make expands nothing in them, and `quoted` keeps the shell from it. Recipes hold no line breaks.
 
-VARIABLES := MANIFEST PRESET DATA OBJECTS UNITS UP SET SHARDS WORKERS CONFIGURATIONS SEEDS LONG REAL PUBLIC BEFORE ROWS ROUNDS VENV PYTHON
+VARIABLES := MANIFEST PRESET DATA OBJECTS UNITS UP GRASPS SET SHARDS WORKERS CONFIGURATIONS SEEDS LONG REAL PUBLIC BEFORE ROWS ROUNDS VENV PYTHON
 define newline
 
 
@@ -56,6 +57,8 @@ PRESET   ?= draft
 DATA     ?= $(subst $(blank),$(space),data/$(basename $(notdir $(call filled,$(MANIFEST))))$(if $(OBJECTS),-$(call last-name,$(OBJECTS)))/$(PRESET))
 CONFIGURATIONS ?= none touch occluded occluded-touch unoccluded unoccluded-touch
 SEEDS    ?= 0
+GRASPS   ?= simulate-grasps
+$(if $(filter simulate-grasps read-grasps,$(GRASPS)),,$(error GRASPS is $(GRASPS); it must be simulate-grasps or read-grasps))
 VENV     ?= .venv
 # `make -j` works on several shards at a time, with one core each; otherwise the objects of one shard share all cores.
 WORKERS  ?= $(if $(and $(filter -j%,$(MAKEFLAGS)),$(filter-out 0 1,$(words $(SHARD_NUMBERS)))),1,0)
@@ -88,7 +91,7 @@ help:  ## list the targets
 dataset: summary  ## make the dataset, print its statistics and draw its contact sheets
 
 # the stages of a shard of the dataset, in one process: starting takes longer than finding that all is up to date
-DATASET := sample-surfaces simulate-grasps render-vision simulate-touch
+DATASET := sample-surfaces $(GRASPS) render-vision simulate-touch
 dataset.%: setup FORCE
 	@$(BIN)/vt-pipeline run $(DATASET) $(options) --shard $(call quoted,$*)
 
@@ -102,9 +105,11 @@ sample-surfaces.%: setup FORCE
 	@$(SHARD)
 simulate-grasps.%: sample-surfaces.%
 	@$(SHARD)
-render-vision.%: simulate-grasps.%
+read-grasps.%: sample-surfaces.%
 	@$(SHARD)
-simulate-touch.%: simulate-grasps.%
+render-vision.%: $(GRASPS).%
+	@$(SHARD)
+simulate-touch.%: $(GRASPS).%
 	@$(SHARD)
 simulate-presses.%: sample-surfaces.%
 	@$(SHARD)
@@ -131,7 +136,7 @@ FAMILIES  = implicit
 NETWORKS  = $(foreach name,$(sort $(patsubst implicit-any-%,implicit-any,$(CONFIGURATIONS))),$(firstword $(foreach family,$(FAMILIES),$(if $(filter $(family)-%,$(name)),train-$(family).$(name))) train-gcn.$(name)))
 EVALUATED = evaluate.configurations=[$(subst $(space),$(comma),$(strip $(CONFIGURATIONS)))]
 train: $$(foreach seed,$$(SEEDS),$$(addsuffix .$$(seed),$$(NETWORKS)))  ## train these networks, and the U-Net for those that use touch
-evaluate.%: $$(addsuffix .$$*,$$(NETWORKS)) every-simulate-grasps
+evaluate.%: $$(addsuffix .$$*,$$(NETWORKS)) every-$(GRASPS)
 	@$(call run,evaluate) --set $(call quoted,evaluate.training_seed=$*) --set $(call quoted,$(EVALUATED))
 evaluate: $$(addprefix evaluate.,$$(SEEDS))  ## evaluate these networks on the test objects, beside the supplement's tables
 	@$(BIN)/vt-pipeline report $(call quoted,$(DATA)) --no-pages
@@ -150,7 +155,7 @@ reproduce:  ## test the supplement's claims on 240 procedural objects, its netwo
 	$(MAKE) --no-print-directory -j$$(nproc) report SEEDS="0 1 2" $(FOUR) && \
 	echo "dataset: $$(((made - began) / 60)) min; training, evaluation and report: $$((($$(date +%s) - made) / 60)) min on $$(nproc) cores"
 
-.PRECIOUS: every-% sample-surfaces.% sample-distances.% read-renderings.% simulate-grasps.% render-vision.% simulate-touch.% simulate-presses.% fit-charts.% dataset.% \
+.PRECIOUS: every-% sample-surfaces.% sample-distances.% read-renderings.% read-grasps.% simulate-grasps.% render-vision.% simulate-touch.% simulate-presses.% fit-charts.% dataset.% \
            train-gcn.% train-implicit.% evaluate.%
 
 summary: every-dataset  ## the statistics and contact sheets alone

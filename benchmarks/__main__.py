@@ -17,7 +17,7 @@ from benchmarks.timing import Table, write_sections
 
 PEERS = "touch", "elastic_gel", "depth", "chamfer", "surfaces", "store"
 """Tables of `docs/peers.md`."""
-NAMES = "surfaces", "vision", "depth", "chamfer", "gcn", "touch", "elastic_gel", "presses", "store"
+NAMES = "surfaces", "vision", "depth", "chamfer", "gcn", "touch", "elastic_gel", "presses", "slides", "store"
 """Modules of this folder; each has `measure(data, turns)`, which returns a table."""
 
 

@@ -4,7 +4,6 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import SubElement, parse
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,7 +12,8 @@ from pipeline.formats.mjcf_files import import_mujoco, is_mjcf, read_spec
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.physics.hand_urdf import GEL_MASS, gel_name, write_hand_urdf
+from pipeline.physics.hand_mjcf import urdf_spec
+from pipeline.physics.hand_urdf import GEL_MASS, gel_name
 
 
 def hand_spec(
@@ -22,16 +22,7 @@ def hand_spec(
     folder: Path,  # that meshes are written to
 ) -> Any:
     """Make MuJoCo's description of a hand whose root is fixed in the world, without motors."""
-    return _spec_of_mjcf(hand, sensors) if is_mjcf(hand.model) else _spec_of_urdf(hand, sensors, folder)
-
-
-def _spec_of_urdf(hand: Hand, sensors: Sequence[Sensor], folder: Path) -> Any:
-    urdf = write_hand_urdf(hand, folder, sensors)
-    tree = parse(urdf)
-    options = {"strippath": "false", "fusestatic": "false", "balanceinertia": "true", "discardvisual": "true"}
-    SubElement(SubElement(tree.getroot(), "mujoco"), "compiler", options)
-    tree.write(urdf)
-    return import_mujoco().MjSpec.from_file(str(urdf))
+    return _spec_of_mjcf(hand, sensors) if is_mjcf(hand.model) else urdf_spec(hand, sensors, folder)
 
 
 def _spec_of_mjcf(hand: Hand, sensors: Sequence[Sensor]) -> Any:

@@ -14,6 +14,7 @@ from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.grasp import Contact, Grasp
 from pipeline.kernels.touch.depth_maps import gel_top
+from pipeline.physics.hand_mjcf import HARD, add_drives
 from pipeline.physics.hand_urdf import gel_name
 from pipeline.physics.hold_test import HoldTest, gel_spring
 from pipeline.store.temporary import temporary_folder
@@ -22,10 +23,6 @@ TIMESTEP = 0.002
 """s; at 1/240 s with a gain that is stable there, fingers sag and drop the object."""
 GAIN = {"revolute": 100.0, "continuous": 100.0, "prismatic": 1e5}
 """N m/rad and N/m of a motor: 0.7 N m at 7 mrad, 20 N at 0.2 mm."""
-ARMATURE = {"revolute": 1e-3, "continuous": 1e-3, "prismatic": 0.3}
-"""kg m² and kg of a motor's rotor, reflected to its joint; without it, a light fingertip swings faster than the steps can follow."""
-HARD = {"solref": [0.005, 1.0], "solimp": [0.5, 0.99, 0.0001, 0.5, 2.0]}
-"""Contacts and gears as stiff as DexGraspBench makes them."""
 PLATE_TURN = 3.0
 """Moment about the normal that a gel's contact resists, as a multiple of that of its area (`GelSpring.torsion`): a plate meets a convex
 part at one or two points, and in PyBullet at up to four, near its corners. With 1, eight of 125 objects of 0.15 m
@@ -59,21 +56,7 @@ class MujocoHoldTest(HoldTest):
             geom.priority, geom.condim = 1, 4  # the hand's friction counts
             geom.friction = [hand.friction, self.torsion or 0.0, 0.0]
             geom.solref[:], geom.solimp[:] = HARD["solref"], HARD["solimp"]
-        joined = {(joint.parent, joint.child) for joint in hand.joints}  # MuJoCo lets links of a palm that does not move collide with it
-        bodies = {number: name for number, link in enumerate(hand.links) if spec.body(name := link.name)}
-        body_of = {number: min(body for body in bodies if body >= number) for number in range(len(hand.links))}  # links of one body follow
-        for first, second in sorted({(body_of[first], body_of[second]) for first, second in joined | hand.allowed_contacts}):
-            if first != second:
-                spec.add_exclude(bodyname1=bodies[first], bodyname2=bodies[second])
-        for name, link in zip(hand.joint_names, hand.joint_links, strict=True):
-            kind = hand.joints[link - 1].kind
-            spec.joint(name).armature = ARMATURE[kind]
-            motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, forcerange=[-hand.torque, hand.torque])
-            motor.set_to_position(kp=GAIN[kind], dampratio=1.0)
-        for follower in hand.followers:
-            gear = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, **HARD)
-            gear.name1, gear.name2 = hand.joints[follower.link - 1].name, hand.joint_names[follower.entry]
-            gear.data[:2] = follower.offset, follower.multiplier
+        add_drives(spec, hand, GAIN)
         for gel in gels:
             lock = spec.add_equality(name=gel, type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, active=False, **HARD)
             lock.name1 = gel

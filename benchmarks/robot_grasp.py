@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import trimesh
+import yaml
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.ndimage import binary_dilation
@@ -18,7 +19,10 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.formats.description_file import shipped_files
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh_cleaning import POSITION
+from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.scene import Label
 from pipeline.kernels.vision.view_transfer import optical_centre, split_projection
 from pipeline.store.directory import DataDirectory
@@ -75,7 +79,7 @@ def main() -> None:
     write_grasp(arguments.data, arguments.object, arguments.grasp, arguments.folder)
 
 
-def write_grasp(data: Location, object_id: str, grasp: int, folder: Path, sensor: str = "gel_16mm") -> Path:
+def write_grasp(data: Location, object_id: str, grasp: int, folder: Path) -> Path:
     """Write images of a stored grasp, `rgbd.yaml`, which has no touches, and `grasp.yaml`; return the path of the latter."""
     folder.mkdir(parents=True, exist_ok=True)
     rows = ObjectRows(data, ARRAYS, None)
@@ -88,7 +92,8 @@ def write_grasp(data: Location, object_id: str, grasp: int, folder: Path, sensor
     matrix = rows.read("projection", object_id)[0]
     depth = np.where(labels == Label.HAND, 0, _object_depth(data, object_id, matrix, labels.shape))
     _save(folder / "depth.png", np.rint(1e3 * depth).astype(np.uint16))
-    _save(folder / "untouched.png", rows.read("untouched", object_id)[0])
+    untouched = rows.read("untouched", object_id)[0]
+    _save(folder / "untouched.png", untouched)
     intrinsic, rotation = split_projection(matrix)
     camera = np.eye(4)
     camera[:3, :3], camera[:3, 3] = rotation.T, optical_centre(matrix)
@@ -98,7 +103,7 @@ def write_grasp(data: Location, object_id: str, grasp: int, folder: Path, sensor
         "centre": _listed((BASE @ [*POSITION, 1.0])[:3], 4),
         "diagonal": f"{rows.diagonal(object_id):.7g}",
         **{name: f"{value:.6g}" for name, value in k.items()},
-        **{"position": position, "quaternion": quaternion, "sensor": sensor},
+        **{"position": position, "quaternion": quaternion, "sensor": _sensor_name(rows.sensor(), untouched, folder)},
     }
     (folder / "rgbd.yaml").write_text((HEAD + CAMERA + RGBD).format(what="What an RGB-D camera saw", name="rgbd.yaml", **facts))
     text = (HEAD + OBJECT + CAMERA + TOUCHES).format(what="A grasp as a robot recorded it", name="grasp.yaml", **facts)
@@ -110,6 +115,16 @@ def write_grasp(data: Location, object_id: str, grasp: int, folder: Path, sensor
         text += f"    pose: {{position: {position}, quaternion: {quaternion}}}\n"
     (folder / "grasp.yaml").write_text(text)
     return folder / "grasp.yaml"
+
+
+def _sensor_name(sensor: Sensor, untouched: NDArray[np.uint8], folder: Path) -> str:
+    """Name the sensor that took the images: a shipped one, or the file `sensor.yaml` that is written, with the photograph it names."""
+    if sensor.name in shipped_files("sensor") and load_sensor(sensor.name).model_copy(update={"photograph": None}) == sensor:
+        return sensor.name
+    (folder / "sensor.yaml").write_text(yaml.safe_dump(sensor.model_dump(mode="json", exclude_none=True)), encoding="utf-8")
+    if sensor.calibrated and isinstance(sensor.calibrated.background, str):
+        _save(folder / sensor.calibrated.background, untouched)
+    return "sensor.yaml"
 
 
 def _object_depth(data: Location, object_id: str, projection: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:

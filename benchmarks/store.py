@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 import zarr
+from pydantic_zarr.v3 import ArraySpec
 from zarr.storage import LocalStore
 
 from benchmarks.timing import Table, over_items, side_by_side, three_digits
 from pipeline.store.directory import DataDirectory
-from pipeline.store.layout import array_spec
+from pipeline.store.layout import array_metadata
 from schemas.touch import TOUCH
 
 OURS, NPY, HDF5 = "Zarr, as stored (ours)", ".npy, one file per array", "HDF5, gzip and shuffle"
@@ -34,7 +35,7 @@ Format = tuple[Callable[[Path, Arrays], object], Callable[[Path], AbstractContex
 def measure(data: Path, turns: int) -> Table:
     """Measure the first shard of touches in `data`, `turns` rounds of every format."""
     shard = DataDirectory(data).collection(TOUCH).first
-    arrays = {name: np.asarray(shard.array(name)[...]) for name in TOUCH.arrays if name in shard.group}
+    arrays = {name: np.asarray(shard.read(name)) for name in TOUCH.arrays if shard.has(name)}
     arrays = {name: array for name, array in arrays.items() if array.dtype.kind in "biuf"}  # not strings
     objects, grasps = arrays[MAPS[0]].shape[:2]
     table = Table(
@@ -118,7 +119,7 @@ def _write_zarr(folder: Path, arrays: Arrays) -> None:
     store = LocalStore(folder / "touch.zarr")
     zarr.create_group(store, overwrite=True)
     for name, array in arrays.items():
-        stored: Any = array_spec(TOUCH.arrays[name], array.shape).to_zarr(store, path=name)
+        stored: Any = ArraySpec(**array_metadata(TOUCH.arrays[name], array.shape)).to_zarr(store, path=name)
         stored[...] = array
 
 

@@ -19,10 +19,8 @@ from rich.table import Table as RichTable
 Item = TypeVar("Item")
 
 SECONDS_PER_LINE = 15.0
-NAMED = 5
-"""Objects or files named in one line."""
-REDIRECTED_WIDTH = 200
-"""Columns where no terminal says how many it has: a table in a log is not squeezed."""
+NAMED = 5  # objects or files named in one line
+REDIRECTED_WIDTH = 200  # columns where no terminal says how many it has: a table in a log is not squeezed
 
 
 CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
@@ -147,7 +145,8 @@ class Meter:
 
     def __init__(self, console: Console, title: str, total: int, of: str, done: int = 0, after: float = 0.0) -> None:
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"))
-        self._bar = Progress(*columns, TimeRemainingColumn(), console=console, disable=not _owns_terminal(console), transient=True)
+        ours = console.is_terminal and multiprocessing.parent_process() is None  # workers write to their parent's terminal
+        self._bar = Progress(*columns, TimeRemainingColumn(), console=console, disable=not ours, transient=True)
         self._bar.add_task(title, total=total, completed=done)
         (self._task,) = self._bar.tasks
         self._title, self._of, self._last = title, of, time.monotonic()
@@ -182,8 +181,3 @@ def with_progress(items: Sequence[Item], title: str, of: str = "objects", after:
         for item in items:
             yield item
             meter.advance()
-
-
-def _owns_terminal(console: Console) -> bool:
-    """Check whether a console is a terminal of this process: workers write to that of the command that started them."""
-    return console.is_terminal and multiprocessing.parent_process() is None

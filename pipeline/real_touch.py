@@ -31,16 +31,14 @@ from stages.train_touch import Presses, SimulatedPress, TouchTrainingSettings, t
 ZARR = "touches.zarr"
 MODEL_SUFFIX = "-touch"
 """Suffix of the folder beside a sensor file that holds its network: `my_gel-touch` beside `my_gel.yaml`."""
-SAME_IMAGES = {"rows": True, "cols": True, "gel": {"modulus"}}
+SAME_IMAGES = {"rows": True, "cols": True, "gel": {"modulus", "friction"}}
 """Entries that may differ from the sensor of a network that was not named: they change neither images nor indentation."""
-PNG_STEP = 1e-7
-"""m per level of a depth PNG: 16 bits reach 6.5 mm."""
+PNG_STEP = 1e-7  # m per level of a depth PNG: 16 bits reach 6.5 mm
 DEEPEST = 2**16 - 1
 RIM_SHARE = 0.03
 """Share of the rim that shows a press, above which the rim counts as pressed. Of public photographs, 26 of 28 whose contact the rim cuts
 have more, and 14 of 84 whose contact lies a radius or more away from it, because light drifts."""
-INPUT_PIXELS = 160
-"""Pixels along the longer side of a network's input, as in `simulate-presses`."""
+INPUT_PIXELS = 160  # pixels along the longer side of a network's input, as in `simulate-presses`
 PRESSES, WATCHED, STEPS = 1200, 16, 1200
 """Presses to train on, and to validate on; training steps, for any number of presses."""
 GEL = (0.6, 1.5)

@@ -35,10 +35,10 @@ for _entry in plugins.declared("schemas"):
 
 
 def artifact_of(array: str) -> Artifact:
-    """Find the first artifact that has an array of this name; raise a `KeyError` that lists all names if there is none."""
+    """Find the first artifact that has an array of this name or path; raise a `KeyError` that lists all names if there is none."""
     for artifact in ARTIFACTS.values():
-        if array in artifact.arrays:
+        if artifact.of(array):
             return artifact
-    names = sorted({name for artifact in ARTIFACTS.values() for name in artifact.arrays})
+    names = sorted({name for artifact in ARTIFACTS.values() for name in (*artifact.arrays, *artifact.ragged)})
     guess = closest_name(array, names)
     raise KeyError(f"no artifact has an array {array}{f', did you mean {guess}?' if guess else ';'} there are {', '.join(names)}")

@@ -15,8 +15,7 @@ class StopRule(IntEnum):
     collapsed = 4  # no face has an area any more
 
 
-FITTED = (StopRule.threshold, StopRule.cap)
-"""Rules of charts that were fitted to a touch."""
+FITTED = (StopRule.threshold, StopRule.cap)  # rules of charts that were fitted to a touch
 
 CHARTS = Artifact(
     name="charts",

@@ -1,22 +1,15 @@
 """Schema of evaluations: Zarr groups in `tables.zarr`, the first one a long table of every figure."""
 
-from dataclasses import dataclass
-
 from schemas.base import Array
 
 VERSION = 6
 
 
-@dataclass(frozen=True)
 class Group:
     """The arrays of one group; those with the name of a dimension are its coordinates."""
 
-    summary: str
-    arrays: dict[str, Array]
-
-
-def _group(summary: str, **arrays: Array) -> Group:
-    return Group(summary, arrays)
+    def __init__(self, summary: str, **arrays: Array) -> None:
+        self.summary, self.arrays = summary, arrays
 
 
 QUALITY = {
@@ -52,7 +45,7 @@ METRICS = {
 """Unit and meaning of each metric."""
 
 GROUPS = {
-    "figures": _group(
+    "figures": Group(
         "Every figure of every reconstruction: of `evaluate`, of `evaluate-single-image` and of `vt-pipeline score`. Networks called "
         "`training object, …` are no networks: a training object stands in place of each reconstruction, what a network has to beat.",
         network=Array("row", "string", "1", "The trained model."),
@@ -62,7 +55,7 @@ GROUPS = {
         metric=Array("row", "string", "1", "; ".join(f"`{name}` ({units}): {text}" for name, (units, text) in METRICS.items())),
         value=Array("row", "float64", "1", "In the unit of the metric. Of a ring there is a row per touch with points in it."),
     ),
-    "objects": _group(
+    "objects": Group(
         "The objects evaluated, and what a perfect reconstruction of each would measure.",
         object_id=Array("object", "string", "1", "The object's name."),
         category=Array("object", "string", "1", "Its class."),
@@ -72,7 +65,7 @@ GROUPS = {
         ),
         floor=Array("object", "float64", "m2", "Sampling floor of its Chamfer distance, 2 A / (pi n)."),
     ),
-    "charts": _group(
+    "charts": Group(
         "Touch charts of the objects evaluated: how far the fitted charts are from their clouds, by the rule that stopped the fit.",
         stop_rule=Array("stop_rule", "string", "1", "Why the fit stopped; `all` is every chart that was fitted."),
         charts=Array("stop_rule", "int32", "1", "Charts it stopped."),
@@ -80,7 +73,7 @@ GROUPS = {
         residual_worst=Array("stop_rule", "float64", "m", "The largest."),
         iterations=Array("stop_rule", "float64", "1", "Mean number of iterations."),
     ),
-    "predictions": _group(
+    "predictions": Group(
         "One model's vision charts for every object and choice of grasps; touch charts are those of the artifact `charts`.",
         object_id=Array("object", "string", "1", "The object's name."),
         first_grasp=Array("case", "int32", "1", "The first grasp given."),
@@ -89,7 +82,7 @@ GROUPS = {
         faces=Array("face corner", "int32", "1", "Rows of `vertices`."),
         position=Array("vertex", "int32", "1", "Vertices with the same number lie on one seam and are one point of the joined surface."),
     ),
-    "meshes": _group(
+    "meshes": Group(
         "The meshes of a model that deforms no charts, of every object with the first grasp and those that follow it, mesh by mesh.",
         object_id=Array("object", "string", "1", "The object's name."),
         first_grasp=Array("case", "int32", "1", "The first grasp given."),

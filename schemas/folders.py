@@ -3,11 +3,8 @@
 import re
 import shlex
 
-TREES = ("models", "sweeps", "scores")
-"""Folders that hold records of folders, at any depth."""
-
-RECORD = re.compile(r"evaluation(-single-image|-seed-\d+)?\.json")
-"""Records of folders beside the artifacts."""
+TREES = ("models", "sweeps", "scores")  # folders that hold records of folders, at any depth
+RECORD = re.compile(r"evaluation(-single-image|-seed-\d+)?\.json")  # records of folders beside the artifacts
 
 _MODEL = re.compile(r"models/(?:seed-(\d+)/)?([^/]+)(?:/([^/]+))?")
 """Training seed, family and network of a model's folder."""

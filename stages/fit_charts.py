@@ -23,12 +23,9 @@ from schemas.touch import TOUCH
 
 NETWORKS = {"predicted": "models/unet", "local": "models/touch"}
 """The folders of the networks of `train-unet` and `train-touch`, below the data directory, by `cloud`."""
-TOUCHES = 18
-"""Touches per object: nine in ten of the twenty sensors."""
-TIGHT_HALT = 2.3e-4
-"""Sensor widths²: the part above the floor of 4000 samples (1e-4 to 1.6e-4) is about 100 µm."""
-TIGHT_RESIDUAL = 1e-4
-"""m: the RMS distance from cloud to chart that `tight` promises."""
+TOUCHES = 18  # touches per object: nine in ten of the twenty sensors
+TIGHT_HALT = 2.3e-4  # sensor widths²: the part above the floor of 4000 samples (1e-4 to 1.6e-4) is about 100 µm
+TIGHT_RESIDUAL = 1e-4  # m: the RMS distance from cloud to chart that `tight` promises
 
 
 class ChartSettings(ObjectSettings):

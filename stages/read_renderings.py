@@ -42,7 +42,6 @@ class ReadRenderings(ObjectStage):
         return (SURFACES,)
 
     def files(self, settings: RenderingSettings, item: Object) -> list[Path]:
-        """List the images and their metadata."""
         return rendering_files(Path(item.source["renderings"])) if "renderings" in item.source else []
 
     def cost(self, settings: RenderingSettings) -> Cost:

@@ -28,8 +28,8 @@ from schemas.catalogue import ARTIFACTS
 
 BUILT_IN = {
     "sample-surfaces": "stages.sample_surfaces:SampleSurfaces",
-    "read-grasps": "stages.simulate_grasps.read_stage:ReadGrasps",
     "simulate-grasps": "stages.simulate_grasps.stage:SimulateGrasps",
+    "read-grasps": "stages.simulate_grasps.read_stage:ReadGrasps",
     "render-vision": "stages.render_vision.stage:RenderVision",
     "simulate-touch": "stages.simulate_touch:SimulateTouch",
     "simulate-presses": "stages.simulate_presses:SimulatePresses",
@@ -55,18 +55,13 @@ STAGES = {
 GRASP_STAGES = [name for name in BUILT_IN if "single-image" not in name and not name.startswith("read-")]
 """Stages for any manifest; the others need files of renderings or grasps."""
 
-DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
-"""Stages that make a dataset."""
+DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")  # stages that make a dataset
 TRADED = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch", "train-unet", "fit-charts", "train-gcn")
 """Stages that declare what they trade between speed and accuracy: their modules have a `TRADE`."""
 
 
 def load_stage(name: str) -> ObjectStage | DatasetStage:
-    """Load the stage called `name`, a key of `STAGES`.
-
-    An `InvalidInput` names several packages that bring one of this name; a `StageError` says that a plugin's stage
-    cannot be imported, is not a stage of this name, or writes an artifact that its package does not declare.
-    """
+    """Load the stage called `name`, a key of `STAGES`."""
     packages = [plugins.package_of(entry) for entry in plugins.declared("stages") if entry.name == name]
     plugins.check_unique("stage", name, ["vt-pipeline"] * (name in BUILT_IN) + packages)
     entry = STAGES[name]
@@ -100,8 +95,7 @@ def resolve(
 ) -> Settings:
     """Resolve a stage's settings from defaults, preset and assignments; each overrides those before it.
 
-    Assignments to other stages change nothing, hence one list serves all stages. For an unknown preset, stage or
-    setting, or a value that is not allowed, an `InvalidInput` lists the known ones.
+    Assignments to other stages change nothing, hence one list serves all stages.
     """
     presets, settings = load_presets(), _settings_type(stage)
     if preset not in presets:

@@ -51,8 +51,10 @@ class SampleSurfaces(ObjectStage):
         files = [item for item in objects if "file" in item.source and not is_pointer_file(Path(item.source["file"]))]
         sized = [item.object_id for item in files if item.source.get("metres_per_unit") is not None]
         if unitless := len(files) - len(sized):
-            size = f"{settings.diagonal:g} m; --units mm (make: UNITS=mm), or another unit, keeps real sizes"
-            yield f"{pluralise(unitless)} without a unit, scaled to a diagonal of {size}"
+            yield (
+                f"{pluralise(unitless)} without a unit, scaled to a diagonal of {settings.diagonal:g} m where it can be read; --units mm "
+                "(make: UNITS=mm), or another unit, keeps real sizes"
+            )
             if sized:
                 yield (
                     f"warning: sizes are mixed: {pluralise(len(sized))} ({abbreviate(sized)}) not scaled, because files or manifest state "

@@ -99,12 +99,10 @@ class SimulateTouch(ObjectStage):
         return {"sensors": [sensor.model_dump(mode="json") for sensor in load_worn_sensors(settings.sensors or ())]}
 
     def cost(self, settings: TouchSettings) -> Cost:
-        """Estimate twenty sensors per object."""
         return Cost(seconds=0.03 if settings.tracer == "ray" else 0.7, kilobytes=1600 if settings.store_points else 600)
 
     @contextmanager
     def session(self, settings: TouchSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
-        """Load the sensors once."""
         from pipeline.kernels.touch.ray_depth import box_faces
 
         sensors = load_worn_sensors(settings.sensors or ())

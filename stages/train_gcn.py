@@ -99,7 +99,6 @@ class GcnLearner(ReconstructionLearner):
         self._edges = torch.from_numpy(mesh_edges(faces)[0])
 
     def targets(self, items: Items, numbers: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool) -> list[SearchCloud]:
-        """Read the points of each item's object."""
         return [items.target(item) for item in numbers]
 
     def loss(self, network: Any, batch: Batch) -> Tensor:

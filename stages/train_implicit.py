@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 
     from pipeline.training.items import Items
 
-MISPLACED = 0.5
-"""Share of the items with image and touches that are displaced, if `placement_error` is not 0."""
+MISPLACED = 0.5  # share of the items with image and touches that are displaced, if `placement_error` is not 0
 
 
 class ImplicitSettings(ReconstructionSettings):
@@ -93,12 +92,10 @@ class ImplicitSettings(ReconstructionSettings):
 
     @property
     def dropped_inputs(self) -> tuple[float, float]:
-        """The shares of items that `implicit-any` is given without image, and without touches."""
         return self.dropped_image, self.dropped_grasps
 
     @property
     def touch_dropout(self) -> float:
-        """The share of touch charts that is skipped."""
         return (0.1 if self.inputs.image == "any" else 0.0) if self.dropped_touches is None else self.dropped_touches
 
 

@@ -30,12 +30,9 @@ if TYPE_CHECKING:
     from pipeline.kernels.networks.local_network import LocalNetwork, LocalShape
 
 NAME = "train-touch"
-ARRAYS = ("press_image", "press_indentation", "press_contact", "press_untouched")
-"""Arrays that are read of each object."""
-AT_CONTACT = 0.85
-"""Share of the windows that lie about a contact; the others lie anywhere."""
-DRIFT_SIDE = 3
-"""Points per side between which drift is interpolated: it is smooth."""
+ARRAYS = ("press_image", "press_indentation", "press_contact", "press_untouched")  # arrays that are read of each object
+AT_CONTACT = 0.85  # share of the windows that lie about a contact; the others lie anywhere
+DRIFT_SIDE = 3  # points per side between which drift is interpolated: it is smooth
 
 
 class TouchTrainingSettings(TrainingSettings):
@@ -165,7 +162,6 @@ class PressLearner(Learner):
         return tuple(slices)
 
     def loss(self, network: nn.Module, batch: Windows) -> Tensor:
-        """Compute the loss of some training windows."""
         return self._compare(network, batch, uncropped=False)[1]
 
     def validate(self, network: nn.Module) -> dict[str, float]:

@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     import torch
     from torch import Tensor, nn
 
-ARRAYS = ("tactile_image", "depth", "untouched", "touch_success")
-"""Arrays that are read of each object."""
+ARRAYS = ("tactile_image", "depth", "untouched", "touch_success")  # arrays that are read of each object
 MICROMETRES = 1e6
 
 
@@ -159,7 +158,6 @@ class TrainUnet(Training):
         return "models/unet"
 
     def grid(self, settings: UnetSettings) -> dict[str, tuple[Any, ...]]:
-        """Give the grid of supplement 2.2."""
         return {"learning_rate": (1e-3, 1e-4, 5e-5, 3e-5, 1e-5)}
 
     def cost(self, settings: UnetSettings, objects: int) -> Cost:

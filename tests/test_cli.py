@@ -130,6 +130,12 @@ def test_error_names_the_value_and_the_remedy(arguments, message):
     assert message in vt(*arguments, fails=True)
 
 
+def test_stages_are_refused_together_before_the_first_one_runs(tmp_path):
+    printed = vt("run", "sample-surfaces", "train-unet", "--data", tmp_path / "data", "--shard", "0", fails=True)
+    assert "train-unet processes all objects at once; run it without --object and --shard" in printed
+    assert not (tmp_path / "data").exists()
+
+
 @pytest.mark.parametrize(
     ("raised", "message"),
     [

@@ -46,7 +46,7 @@ def rules_of_stages(settings: Mapping[str, dict[str, Any]]) -> dict[str, list[st
     """Find the stages that make what each stage reads, with these settings."""
     loaded = {name: load_stage(name) for name in STAGES}
     chosen = {name: load_stage(name).settings_type(**settings.get(name, {})) for name in STAGES}
-    makers = {stage.writes(chosen[name]): name for name, stage in loaded.items()}
+    makers = {stage.writes(chosen[name]): name for name, stage in loaded.items() if name != "read-grasps"}
     reads = {
         name: [*(artifact.name for artifact in stage.inputs(chosen[name])), *stage.models(chosen[name])] for name, stage in loaded.items()
     }
@@ -64,6 +64,12 @@ def test_prerequisites_are_the_stages_inputs(configuration, tmp_path):
     rules = rules_of_makefile(*targets.values(), f"CONFIGURATIONS={configuration}", f"DATA={tmp_path}")
     for name in STAGES:
         assert stages_before(targets[name], rules) == stages_before(name, read), name
+
+
+def test_grasps_may_be_read_instead_of_simulated(tmp_path):
+    rules = rules_of_makefile("simulate-touch.0", "render-vision.0", "GRASPS=read-grasps", f"DATA={tmp_path}")
+    for name in ("simulate-touch.0", "render-vision.0"):
+        assert stages_before(name, rules) == {"read-grasps", "sample-surfaces"}
 
 
 @pytest.mark.parametrize(("requested", "recorded", "shards"), [("", None, []), ("", 3, [3]), ("2", None, [2]), ("2", 3, [2])])

@@ -28,6 +28,7 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.depth_maps import local_points
 from stages.registry import GRASP_STAGES, load_stage
 from tests.command_line import vt
+from tests.contrib.exports.test_exports import elastic  # noqa: F401
 from tools.overview_picture import draw_overview
 
 ROOT = Path(__file__).parents[1]
@@ -263,11 +264,11 @@ def scene_of(script: Path) -> bytes:
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/guide/reading.md"])
-def test_python_code_in_the_documents_runs(page, made):
+def test_python_code_in_the_documents_runs(page, made, elastic):  # noqa: F811
     blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / page).read_text(), re.MULTILINE | re.DOTALL)
     assert blocks
     for block in blocks:
-        exec(block.replace("data/toy/draft", str(made)), {})  # as a reader would paste it
+        exec(block.replace("data/toy/draft", str(made)).replace("data/mini/draft", str(elastic)), {})  # as a reader would paste it
 
 
 def test_predict_writes_a_mesh_file_for_one_grasp(made, tmp_path):

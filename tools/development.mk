@@ -35,7 +35,7 @@ test-extremes: installed-dev  ## feed kernels with the extremes of their ranges,
 test-report: installed-browser  ## click through a report in headless Chromium, with an accessibility checker; as root (4 minutes on 2 cores)
 	@$(BIN)/pytest -n 0 checks/browser/report_in_browser.py
 
-test-exports: installed-exports  ## read exports with LeRobot, Hugging Face, Croissant and WebDataset, the store with tensorstore, zarrs, zarrita and xarray (5 minutes on 2 cores)
+test-exports: installed-exports  ## read exports with LeRobot, Hugging Face, Croissant, WebDataset and tacstack, the store with tensorstore, zarrs, zarrita and xarray (5 minutes on 2 cores)
 	@HF_HUB_OFFLINE=1 .venv-exports/bin/python -m pytest -n 0 checks/exports/read_back.py checks/exports/other_readers.py
 
 findings:  ## show what surprised us in other software, each in an environment of its own: findings/README.md (5 minutes)

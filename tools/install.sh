@@ -173,11 +173,12 @@ dev | docs | browser) # groups of packages that pyproject.toml names
     stop_if_fresh "$venv" "installed-$what" "$venv/installed"
     install "$venv" -c constraints.txt -e ".[$what]"
     ;;
-exports) # LeRobot pins an older torch, but reads datasets with ours
+exports) # LeRobot pins an older torch, but reads datasets with ours; its newest version, and tacstack, need Python 3.12
     stop_if_fresh .venv-exports installed "$venv/installed-dev" checks/exports/requirements.txt
     create_beside .venv-exports
     install .venv-exports -c constraints.txt -r checks/exports/requirements.txt
-    install .venv-exports --no-deps lerobot==0.4.4 accelerate==1.15.0
+    install .venv-exports --no-deps accelerate==1.15.0 'lerobot==0.4.4; python_version < "3.12"' 'lerobot==0.6.1; python_version >= "3.12"' \
+        'tacstack==0.1.0a1; python_version >= "3.12"'
     command -v npm >/dev/null || packages npm
     npm install --silent --no-audit --no-fund --prefix .venv-exports zarrita@0.7.5
     ;;

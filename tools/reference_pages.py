@@ -188,6 +188,7 @@ TITLES = {
     "_SensorMount": "`sensor` of a finger",
     "Surface": "`surface`",
     "Gel": "`gel`",
+    "MarkerGrid": "`markers`",
     "Lights": "`lights`",
     "Calibration": "`calibrated`",
     "Shadow": "`shadows`",

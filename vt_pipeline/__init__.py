@@ -5,6 +5,8 @@
 >>> mug = vt.load_object("mug.glb")
 >>> touch = vt.touch(mug, sensor, pose)  # touch.depth, .image, .points, .normals, .contact_area, .gel
 >>> touch = vt.press(relief, sensor, depth=0.5e-3)  # (rows, cols) heights, m; vt.image(touch.depth, sensor) is touch.image
+>>> for touch in vt.slide(mug, sensor, poses, friction=0.6):  # a path: touch.traction, .displacement, .slip, .shear_force, .torque too
+...     image = vt.markers(touch, dots).image  # (N, 2) positions, m
 >>> vt.make("dataset", "data/mugs", "my-meshes")  # grasps, images and touches of a folder of meshes
 >>> touches = vt.Dataset("data/mugs", ["depth", "tactile_image"])  # a PyTorch dataset, one grasp after the other
 """
@@ -38,14 +40,17 @@ from vt_pipeline.grasping import Grasps, grasp  # noqa: E402
 from vt_pipeline.making import load_observation, make, reconstruct  # noqa: E402
 from vt_pipeline.objects import TouchObject, load_object  # noqa: E402
 from vt_pipeline.pressing import image, press, untouched_image  # noqa: E402
+from vt_pipeline.sliding import Markers, SlidingTouch, markers, slide  # noqa: E402
 from vt_pipeline.touching import Touch, Touches, touch, touch_many  # noqa: E402
 
 __all__ = [
     "Dataset",
     "Grasps",
     "InvalidInput",
+    "Markers",
     "RobotObservation",
     "Sensor",
+    "SlidingTouch",
     "Touch",
     "TouchObject",
     "Touches",
@@ -55,8 +60,10 @@ __all__ = [
     "load_observation",
     "load_sensor",
     "make",
+    "markers",
     "press",
     "reconstruct",
+    "slide",
     "touch",
     "touch_many",
     "untouched_image",

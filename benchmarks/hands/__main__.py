@@ -96,13 +96,13 @@ def _peak(command: list[str], cwd: Path | None = None) -> int:
 
 
 def _installed(name: str, folders: list[Path], data: Path) -> Path:
-    """Write a hand file with the absolute path of its URDF."""
+    """Write a hand file with the absolute path of its model."""
     described = yaml.safe_load((HERE / f"{name}.yaml").read_text())
-    urdfs = [folder / described["urdf"] for folder in folders if (folder / described["urdf"]).is_file()]
-    if not urdfs:
-        sys.exit(f"{described['urdf']} is in none of {', '.join(map(str, folders))}; `make test-hands` installs it")
+    models = [folder / described["model"] for folder in folders if (folder / described["model"]).is_file()]
+    if not models:
+        sys.exit(f"{described['model']} is in none of {', '.join(map(str, folders))}; `make test-hands` installs it")
     path = (data / f"{name}.yaml").resolve()
-    path.write_text(yaml.safe_dump(described | {"urdf": str(urdfs[0].resolve())}))
+    path.write_text(yaml.safe_dump(described | {"model": str(models[0].resolve())}))
     return path
 
 

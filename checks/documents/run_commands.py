@@ -24,7 +24,9 @@ GUIDES = (
     "speed-and-accuracy",
     "installing",
     "objects",
+    "own-grasps",
     "library",
+    "slides",
     "reading",
 )
 STAGES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs" / "how-it-works").glob("*.md"))
@@ -37,6 +39,7 @@ NOT_RUN = {
     r"^make reproduce": "dozens of trainings; tests/test_makefile.py holds its commands",
     r"^make train PRESET=paper": "the supplement's networks, days on a CPU",
     r"OBJECTS=~/r2n2": "the cited renderings, which are not to be had here",
+    r"/DexGraspBench/": "its files are not to be had here; tests/examples runs the script on some",
     r"pip (install|wheel)|^PIP_|^uv/": "would change the environment that runs this",
     r"vt-pipeline advise .*--(within|error)": "needs minutes of tradeoff under the same code; tests/tradeoff runs both",
     r"jupyter lab|^tensorboard": "a server; make test-docs runs the notebook",

@@ -3,7 +3,9 @@
 The file's name keeps it from being collected by `make test`: LeRobot, `datasets` and WebDataset are installed for this alone.
 """
 
+import importlib.util
 import json
+import subprocess
 import sys
 import types
 from pathlib import Path
@@ -16,8 +18,8 @@ import torch
 import webdataset
 
 from pipeline.dataset.object_rows import ObjectRows
-from tests.contrib.exports.test_exports import FINGERS, data, vt  # noqa: F401
-from tests.test_pipeline import made, manifest  # noqa: F401
+from tests.contrib.exports.test_exports import FINGERS, vt
+from tests.contrib.exports.test_exports import elastic as data  # noqa: F401
 
 
 class ToTensor:
@@ -29,20 +31,25 @@ class ToTensor:
 
 @pytest.fixture
 def lerobot(monkeypatch):
-    """Return LeRobot's dataset class."""
-    stand_in = types.ModuleType("torchvision")
-    stand_in.transforms = types.SimpleNamespace(ToTensor=ToTensor, v2=types.SimpleNamespace(Transform=object))
-    for name, module in (("torchvision", stand_in), ("torchvision.transforms", stand_in.transforms)):
-        monkeypatch.setitem(sys.modules, name, module)
-    monkeypatch.setitem(sys.modules, "torchvision.transforms.v2", stand_in.transforms.v2)
+    """Return LeRobot's dataset class: of its newest version where this Python has it, else of 0.4.4."""
+    if importlib.util.find_spec("torchvision") is None:
+        stand_in_for_torchvision(monkeypatch)
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
     return LeRobotDataset
 
 
+def stand_in_for_torchvision(monkeypatch):
+    stand_in = types.ModuleType("torchvision")
+    stand_in.transforms = types.SimpleNamespace(ToTensor=ToTensor, v2=types.SimpleNamespace(Transform=object))
+    for name, module in (("torchvision", stand_in), ("torchvision.transforms", stand_in.transforms)):
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setitem(sys.modules, "torchvision.transforms.v2", stand_in.transforms.v2)
+
+
 @pytest.fixture
 def stored(data) -> ObjectRows:  # noqa: F811
-    arrays = ["tactile_image", "depth", "touch_success", "joint_angles", "hand_pose", "sensor_pose"]
+    arrays = ["tactile_image", "depth", "pressure", "force", "touch_success", "held", "joint_angles", "hand_pose", "sensor_pose"]
     return ObjectRows(data, arrays, split=None)
 
 
@@ -61,8 +68,11 @@ def test_lerobot_reads_frames_equal_to_the_stored_ones(lerobot, data, stored, tm
     vt("export", data, tmp_path / "out", "--to", "lerobot")
     dataset = lerobot("vt/balls", root=tmp_path / "out", video_backend="pyav")
     assert (dataset.num_episodes, dataset.num_frames, dataset.fps) == (2, 10, 1)
-    assert dataset.meta.info["splits"] == {"test": "0:2"}
+    assert json.loads((tmp_path / "out" / "meta" / "info.json").read_text())["splits"] == {"test": "0:2"}
     assert set(dataset.meta.stats) >= {"observation.state", f"observation.images.tactile_{FINGERS[0]}"}
+    units = {"observation.force_": "N", "observation.pressure_": "Pa", "observation.depth_": "m"}
+    for name, unit in units.items():
+        assert {dataset.features[f"{name}{finger}"]["unit"] for finger in FINGERS} == {unit}
     for number in (0, 4, 9):
         item = dataset[number]
         image = item[f"observation.images.tactile_{FINGERS[1]}"]
@@ -73,8 +83,12 @@ def test_lerobot_reads_frames_equal_to_the_stored_ones(lerobot, data, stored, tm
             "sensor_pose": item["observation.sensor_pose"],
             f"depth.{FINGERS[1]}": item[f"observation.depth_{FINGERS[1]}"],
             f"tactile_image.{FINGERS[1]}": (255 * image).round().permute(1, 2, 0),
+            f"pressure.{FINGERS[2]}": item[f"observation.pressure_{FINGERS[2]}"],
+            **{f"force.{finger}": item[f"observation.force_{finger}"] for finger in FINGERS},
+            "held": item["held"],
         }
         check(stored, item["object_id"], int(item["grasp"]), arrays, single=True)
+        assert (item["hand"], item[f"sensor.{FINGERS[0]}"]) == ("unknown", "gel_16mm")
         assert item["task"] == f"grasp {'an' if item['category'] == 'object' else 'a'} {item['category']}"
 
 
@@ -84,7 +98,9 @@ def test_lerobot_statistics_have_the_names_shapes_and_values_of_its_own(lerobot,
     vt("export", data, tmp_path / "out", "--to", "lerobot")
     dataset = lerobot("vt/balls", root=tmp_path / "out", video_backend="pyav")
     items = [dataset[number] for number in range(dataset.num_frames)]
-    for name, axes, gap in ((f"observation.images.tactile_{FINGERS[0]}", (0, 2, 3), 1 / 255), ("grasp", 0, 1)):
+    force = f"observation.force_{FINGERS[1]}"
+    widest = float(np.diff(np.sort([float(item[force]) for item in items])).max())
+    for name, axes, gap in ((f"observation.images.tactile_{FINGERS[0]}", (0, 2, 3), 1 / 255), ("grasp", 0, 1), (force, 0, widest)):
         own = get_feature_stats(np.stack([item[name].numpy() for item in items]).astype(np.float64), axes, keepdims=True)
         own = {key: value[0] if value.ndim > 1 else value for key, value in own.items()}
         ours = dataset.meta.stats[name]
@@ -110,7 +126,7 @@ def test_croissant_is_valid_and_reads_rows_equal_to_the_stored_ones(exported, st
     assert len(records) == 10
     for record in records:
         row = {name.partition("/")[2]: value for name, value in record.items()}
-        arrays = {name: value for name, value in row.items() if name in stored.arrays or "." in name}
+        arrays = {name: value for name, value in row.items() if name.partition(".")[0] in stored.arrays}
         check(stored, row["object_id"].decode(), row["grasp"], arrays)
 
 
@@ -118,7 +134,9 @@ def test_hugging_face_reads_rows_equal_to_the_stored_ones(exported, stored, tmp_
     read = datasets.load_dataset(str(exported), cache_dir=str(tmp_path / "cache"))
     assert {split: len(rows) for split, rows in read.items()} == {"test": 10}
     for row in read["test"]:
-        check(stored, row["object_id"], row["grasp"], {name: value for name, value in row.items() if name in stored.arrays or "." in name})
+        check(
+            stored, row["object_id"], row["grasp"], {name: value for name, value in row.items() if name.partition(".")[0] in stored.arrays}
+        )
 
 
 def test_hugging_face_rounds_in_its_formats_as_the_card_says(exported, stored, tmp_path):
@@ -141,4 +159,39 @@ def test_webdataset_reads_samples_equal_to_the_stored_ones(data, stored, tmp_pat
         arrays = {name: sample[f"{name}.npy"] for name in ("touch_success", "joint_angles", "hand_pose", "sensor_pose")}
         arrays |= {f"depth.{finger}": sample[f"depth_{finger}.npy"] for finger in FINGERS}
         arrays |= {f"tactile_image.{finger}": sample[f"tactile_image_{finger}.png"] for finger in FINGERS}
+        arrays |= {f"pressure.{finger}": sample[f"pressure_{finger}.npy"] for finger in FINGERS}
+        arrays |= {name: facts[name] for name in ("held", *(f"force.{finger}" for finger in FINGERS))}
         check(stored, facts["object_id"], facts["grasp"], arrays)
+
+
+@pytest.mark.skipif(sys.version_info < (3, 12), reason="tacstack needs Python 3.12")
+def test_tacstack_makes_mcap_rerun_and_lerobot_of_forces(lerobot, data, stored, tmp_path):  # noqa: F811
+    from mcap.reader import make_reader
+    from tacstack.adapters.open_x_tactile import OpenXTactileAdapter
+    from tacstack.integrations.lerobot import LeRobotDatasetWriter
+
+    vt("export", data, tmp_path / "out", "--to", "oxt")
+    writer = LeRobotDatasetWriter(tmp_path / "lerobot", fps=1, feature_key="observation.force")
+    tasks = dict(zip(stored.object_ids, ("grasp_bottle", "grasp_knife"), strict=True))
+    for object_id, task in tasks.items():
+        for quantity in ("pressure", "force"):
+            adapter = OpenXTactileAdapter(tmp_path / "out" / "test", task=task, stream=f"right_{quantity}_gel_16mm")
+            adapter.open()
+            observations = [adapter.read() for _ in range(5)]
+            for grasp, observation in enumerate(observations):
+                expected = stored.read(quantity, object_id, grasp)
+                np.testing.assert_array_equal(observation.taxels.reshape(expected.shape), expected)
+                assert observation.metadata["oxt_tactile_areas"] == (1, 2, 3, 0)
+        for observation in observations:
+            observation.taxels = observation.taxels.ravel()  # it writes one dimension
+        writer.add_episode(observations, task=task)
+        source = [str(tmp_path / "out" / "test"), "--task", task, "--stream", "right_force_gel_16mm", "--out"]
+        for command, name in (("dataset convert", "force.mcap"), ("replay", "force.rrd")):
+            subprocess.run([sys.executable, "-m", "tacstack", *command.split(), *source, str(tmp_path / name)], check=True)
+        with (tmp_path / "force.mcap").open("rb") as file:
+            assert len([*make_reader(file).iter_messages()]) == 5
+        assert (tmp_path / "force.rrd").stat().st_size > 1000
+    writer.finalize()
+    dataset = lerobot("vt/forces", root=tmp_path / "lerobot", video_backend="pyav")
+    forces = [item["observation.force"].numpy() for item in dataset]
+    np.testing.assert_array_equal(forces, np.concatenate([stored.read("force", object_id) for object_id in tasks]))

@@ -3,9 +3,12 @@
 import io
 import json
 import os
+import pickle
 import struct
+import sys
 import tempfile
 import zipfile
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +24,9 @@ from pipeline.cluster.slurm_jobs import Submission, load_cluster, plan_jobs, scr
 from pipeline.config import folder_sources
 from pipeline.config.manifest import load_manifest
 from pipeline.config.sources import fingerprint
+from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import stated_units
+from pipeline.formats.grasp_file import read_grasp_file
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.mesh_reader import load_mesh
 from pipeline.formats.scene_file import load_scene
@@ -31,6 +36,8 @@ from stages.registry import load_stage, resolve
 from tests.formats.gltf_builder import Gltf, glb
 from tests.formats.test_collada import ARROW, FILE, POLYGONS, POLYLIST, RED, TEXTURE, TRIANGLE
 
+CALLS = ("exec", "pickle.", "os.", "subprocess.", "socket.", "shutil.", "ctypes.", "marshal.", "code.")
+"""Audit events of what a file of grasps must not lead to: https://docs.python.org/3/library/audit_events.html."""
 ASSETS = Path(__file__).parents[2] / "pipeline" / "assets"
 
 
@@ -275,6 +282,42 @@ class ThreeMF(Meshes):
         load_mesh(folder / "mesh.3mf", folder)
 
 
+class Grasps(Target):
+    """Files of grasps: arrays, and pickles of DexGraspBench and DexGraspNet, none of which may call anything that they name."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.events: list[str] = []
+        for module in ("encodings.cp437", "encodings.raw_unicode_escape", "tokenize"):  # imported by the standard library when needed first
+            import_module(module)
+        sys.addaudithook(lambda event, _: self.events.append(event) if event.startswith(CALLS) else None)
+
+    def sound(self) -> list[Files]:
+        joints, qpos = np.array(["a", "b"]), np.array([0, 0, 0.1, 1, 0, 0, 0, 0.5, 0.2], np.float32)
+        bench = {"obj_path": "a", "obj_scale": np.float64(0.1), "obj_pose": np.eye(7)[3], "grasp_qpos": qpos, "squeeze_qpos": qpos}
+        net = {"qpos": dict.fromkeys(("WRJTx", "WRJTy", "WRJTz", "WRJRx", "WRJRy", "WRJRz", "a", "b"), 0.25), "scale": 0.1}
+        pickles = [bench, bench | {"grasp_qpos": np.stack([qpos, qpos]), "joint_names": joints}, [net, net]]
+        arrays = {"hand_pose": np.eye(4)[None], "joint_angles": np.ones((1, 2)), "joint_names": joints, "metres_per_unit": np.array(0.1)}
+        files = []
+        for write in (np.savez, np.savez_compressed):
+            write(stream := io.BytesIO(), **arrays)
+            files.append({"grasps.npz": stream.getvalue()})
+        for protocol in (3, 4):
+            for content in pickles:
+                array = np.array(content, object)
+                np.lib.format.write_array_header_1_0(stream := io.BytesIO(), np.lib.format.header_data_from_array_1_0(array))
+                files.append({"grasps.npy": stream.getvalue() + pickle.dumps(array, protocol)})
+        return files
+
+    def read(self, folder: Path, files: Files) -> None:
+        self.events.clear()
+        refusals = [grasp.stated for grasp in read_grasp_file(folder / next(iter(files)), folder) if isinstance(grasp.stated, InvalidInput)]
+        if self.events:
+            raise AssertionError(f"a file of grasps led to {self.events}")
+        if refusals:
+            raise refusals[0]
+
+
 def _packed(parts: Files, compression: int) -> bytes:
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", compression) as archive:
@@ -299,6 +342,7 @@ TARGETS: dict[str, tuple[type[Target], Any]] = {
     "glTF files": (Gltfs, 0.05),
     "COLLADA files": (Collada, 0.05),
     "3MF files": (ThreeMF, 0.05),
+    "grasp files": (Grasps, 0.1),
     "predict": (Predictions, 0.1),
     "store": (Stores, 0.05),
 }

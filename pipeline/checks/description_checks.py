@@ -33,10 +33,8 @@ ENTRIES: dict[Kind, set[str]] = {
     "observation": {"object", "camera", "touches"},
 }
 """Entries that identify the kinds of description files."""
-SIZE = 0.5
-"""m, diagonal of an object that must be visible in the images."""
-PRESS = 0.25
-"""Depth to which ball and edge are pressed in, as a share of the gel's height in its middle."""
+SIZE = 0.5  # m, diagonal of an object that must be visible in the images
+PRESS = 0.25  # depth to which ball and edge are pressed in, as a share of the gel's height in its middle
 
 
 class DescribedFile(NamedTuple):

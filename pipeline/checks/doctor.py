@@ -10,7 +10,7 @@ APT = "apt-get install -y libegl1 libgl1 libxrender1 libgl1-mesa-dri"
 """What Debian and Ubuntu need for rendering without a screen."""
 LEARNING = ("safetensors", "tensorboard")
 
-MODULES = ("torch", "pybullet", "trimesh", "embreex", "igl", "numba", "zarr", "pydantic_zarr", "scipy", "matplotlib", "xarray", *LEARNING)
+MODULES = ("torch", "pybullet", "trimesh", "embreex", "igl", "numba", "zarr", "scipy", "matplotlib", "xarray", *LEARNING)
 
 
 @dataclass(frozen=True)

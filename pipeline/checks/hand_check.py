@@ -38,31 +38,22 @@ from stages.simulate_grasps.plans import TouchPlanner
 from stages.simulate_grasps.prepare import MEASURE_SPACING, finger_gap, prepare_hand, prepare_object
 from stages.simulate_grasps.stage import GraspSettings
 
-POSTURES = 512
-"""Random postures in which links are checked for overlaps."""
-MIN_TRAVEL = 1e-3
-"""m, least travel of a sensor along its normal as its finger closes."""
+POSTURES = 512  # random postures in which links are checked for overlaps
+MIN_TRAVEL = 1e-3  # m, least travel of a sensor along its normal as its finger closes
 FAR_PALM = 2.0
 """A palm is far if no sensor comes nearer to its centre than this many times the greatest distance between two sensors."""
-LARGE = 2.0
-"""m, that no hand opens."""
+LARGE = 2.0  # m, that no hand opens
 VIEWS = {"from +x": (1, 2, 0), "from +y": (0, 2, 1), "from +z": (0, 1, 2)}
 """Title, and the axes of the root link that point right, up and towards the viewer."""
-MAX_TRIANGLES = 20_000
-"""Of each collision shape in a picture; others are not drawn."""
-ROUNDED = 0.01
-"""Share of a joint's range by which it may pass its limits: multipliers and limits are rounded."""
-HOLLOW = 2e-3
-"""m, depth from which a hollow that a convex shape fills is reported: more than a gel is pressed in."""
+MAX_TRIANGLES = 20_000  # of each collision shape in a picture; others are not drawn
+ROUNDED = 0.01  # share of a joint's range by which it may pass its limits: multipliers and limits are rounded
+HOLLOW = 2e-3  # m, depth from which a hollow that a convex shape fills is reported: more than a gel is pressed in
 RED, GREY = (0.9, 0.2, 0.2), (0.6, 0.65, 0.7)
 """Colours of links that overlap, and of others, where they face the viewer."""
-ARROW = 0.15
-"""Length of the palm's arrow, and of a sensor's longest motion, as a share of the hand's size."""
-STEP = 0.05
-"""Share of every joint's range by which joints move to find the closing directions."""
+ARROW = 0.15  # length of the palm's arrow, and of a sensor's longest motion, as a share of the hand's size
+STEP = 0.05  # share of every joint's range by which joints move to find the closing directions
 ATTEMPTS = 10
-BALL_SHARE = 0.5
-"""Diameter of the ball, as a share of the hand's opening."""
+BALL_SHARE = 0.5  # diameter of the ball, as a share of the hand's opening
 NO_ROOM = "the hand has no room around the ball"
 PALM = "let palm.facing and palm.centre of the hand file point to where an object lies; the picture draws them"
 NEARER = (
@@ -280,7 +271,6 @@ def _triangles(
     frames: Array,  # (L, 4, 4) links to root
     red: set[int],  # links
 ) -> tuple[Array, Array, Array]:  # (T, 3, 3) root frame, m; (T, 3) unit normals; (T, 3) colours
-    """Collect the triangles of all collision shapes."""
     triangles, colors = [np.empty((0, 3, 3))], [np.empty((0, 3))]
     for number, link in enumerate(hand.links):
         for shape in link.collisions:

@@ -21,8 +21,7 @@ PANELS = {
 }
 """The commands of each panel, with the module of `pipeline.cli` that has the function of this name."""
 
-EXTENSIONS = "Extensions"
-"""The panel of commands that packages declare as `vt_pipeline.commands`, with a function each."""
+EXTENSIONS = "Extensions"  # the panel of commands that packages declare as `vt_pipeline.commands`, with a function each
 
 
 class Commands(TyperGroup):

@@ -16,11 +16,8 @@ from pipeline.console import errors
 from pipeline.errors import PipelineError, first_line
 from pipeline.store.storage import is_machine_fault
 
-AGAIN = "run the same command again, what is finished is kept"
-"""What to do after a command was stopped."""
-
-RAISE_AGAIN_SECONDS = 0.5
-"""Seconds after which Ctrl-C is raised again if it was swallowed."""
+AGAIN = "run the same command again, what is finished is kept"  # what to do after a command was stopped
+RAISE_AGAIN_SECONDS = 0.5  # seconds after which Ctrl-C is raised again if it was swallowed
 
 
 class _Terminated(KeyboardInterrupt):

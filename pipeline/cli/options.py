@@ -19,8 +19,7 @@ from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
 from stages.registry import STAGES, load_stage
 
-OBJECTS, SETTINGS, RUN = "Objects and data", "Settings", "How to run"
-"""Panels in which help lists the options."""
+OBJECTS, SETTINGS, RUN = "Objects and data", "Settings", "How to run"  # panels in which help lists the options
 
 
 def complete(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:

@@ -12,7 +12,7 @@ from pipeline.cli import options
 from pipeline.cli.options import OBJECTS, RUN
 from pipeline.config.manifest import load_manifest
 from pipeline.console import NAMED, abbreviate, console, print_lines, print_warning
-from pipeline.engine.make import make
+from pipeline.engine.make import make, shard_numbers
 from pipeline.engine.plan import Made
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location
@@ -63,6 +63,8 @@ def run(
     requests = [make_request(name, manifest, preset, **named, **how) for name in _in_order(stages)]
     if reuse:
         DataDirectory(reuse).check_exists()
+    for request in requests:
+        shard_numbers(request, shard)  # an error before the first stage runs
     for request in requests:
         print_lines(*([] if request.stage.inputs(request.settings) else load_manifest(manifest).remarks(objects)))
         print_lines(*request.stage.describe_objects(request.settings, request.objects))

@@ -111,8 +111,8 @@ def export(
     to: Annotated[
         str,
         typer.Option(
-            help="mesh, webdataset, lerobot or parquet (packages of '.\\[export]'), grasps, dexgraspbench (packages of '.\\[mujoco]'), "
-            "or the name of another package's export.",
+            help="mesh, webdataset, oxt, grasps, lerobot or parquet (packages of '.\\[export]'), dexgraspbench (packages of "
+            "'.\\[mujoco]'), or the name of another package's export.",
             autocompletion=options.complete(lambda: [entry.name for entry in plugins.declared("exports")]),
         ),
     ] = "mesh",
@@ -130,8 +130,8 @@ def export(
 ) -> None:
     """Write a dataset for other programs.
 
-    The formats are LeRobot v3, Hugging Face parquet, WebDataset shards and glTF scenes, all lossless; and grasps for robots: arrays in each
-    object's own frame, or the files of DexGraspBench.
+    The formats are LeRobot v3, Hugging Face parquet, WebDataset shards, stores of Open-X-Tactile and glTF scenes, all lossless; and grasps
+    for robots: arrays in each object's own frame, or the files of DexGraspBench.
     """
     write = plugins.find("exports", to)
     chosen = list(dict.fromkeys(objects or []))

@@ -1,11 +1,9 @@
 """`vt-pipeline tradeoff`, `advise` and `sweep`: measure settings, choose among them, and train over a grid of them."""
 
-from __future__ import annotations
-
+import itertools
 import os
 import shlex
 import time
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,7 +17,6 @@ from pipeline.cli.failures import fail
 from pipeline.cli.options import RUN
 from pipeline.cli.run import complete_stage, print_made
 from pipeline.config.manifest import load_manifest
-from pipeline.config.settings import Settings
 from pipeline.console import console, duration, pluralise, print_lines, print_warning, show_tables
 from pipeline.engine.make import make
 from pipeline.errors import StageError, unknown_name
@@ -86,7 +83,7 @@ def tradeoff(
         print_warning("time is up:", f"{', '.join(unfinished)}: the same command measures the rest")
 
 
-def _show(trade: MeasuredTrade, data: Path) -> None:
+def _show(trade: "MeasuredTrade", data: Path) -> None:
     """Print a trade, and draw it beside its figures."""
     from pipeline.tradeoff.trade_pictures import draw_trade, trade_table
     from pipeline.tradeoff.trades import FOLDER
@@ -170,13 +167,12 @@ def sweep(
     default_grid = loaded.grid(request.settings)
     if not (grid or default_grid):
         fail(f"the supplement has no grid for {stage}: name one, --grid learning_rate=1e-3,2e-3")
-
-    def settings_of(point: Mapping[str, Any]) -> Settings:
+    values_by_setting = _grid(grid) if grid else default_grid
+    points = []  # all are valid, or none is run
+    for values in itertools.product(*values_by_setting.values()):
+        point = dict(zip(values_by_setting, values, strict=True))
         varied = [f"{stage}.{assignment(setting, value)}" for setting, value in point.items()]
-        return resolve(stage, preset, [*(assignments or ()), *varied])
-
-    every_point = sweeps.grid_points(_grid(grid) if grid else default_grid)
-    points = [(point, settings_of(point)) for point in every_point]  # all are valid, or none is run
+        points.append((point, resolve(stage, preset, [*(assignments or ()), *varied])))
     finished, failed = [], 0
     for point, settings in points:
         folder = sweeps.point_folder(stage, loaded.writes(settings), point)

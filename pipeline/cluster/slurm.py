@@ -22,8 +22,7 @@ State = Literal["pending", "running", "done", "failed", "unknown"]
 
 PENDING = {"PENDING", "REQUEUED", "REQUEUE_FED", "REQUEUE_HOLD", "SPECIAL_EXIT"}
 ENDED = {"BOOT_FAIL", "CANCELLED", "DEADLINE", "FAILED", "NODE_FAIL", "OUT_OF_MEMORY", "PREEMPTED", "REVOKED", "TIMEOUT"}
-SECONDS = 60
-"""Time limit for an answer of Slurm, which may be under load."""
+SECONDS = 60  # time limit for an answer of Slurm, which may be under load
 
 
 class SubmittedJob(Entries):
@@ -179,7 +178,6 @@ def _sacct(jobs: Sequence[SubmittedJob]) -> dict[str, tuple[str, str]]:
 
 
 def _error_line(completed: subprocess.CompletedProcess[str]) -> str:
-    """Return the first line of a failed command's output."""
     return next(iter((completed.stderr or completed.stdout).splitlines()), f"status {completed.returncode}").rstrip(".")
 
 

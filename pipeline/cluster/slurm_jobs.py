@@ -71,8 +71,7 @@ def load_cluster(name: str | Path) -> ClusterProfile:
     return read_description("cluster", description_path("cluster", name), ClusterProfile)
 
 
-SEED = "training_seed"
-"""The setting that trainings and their evaluation share."""
+SEED = "training_seed"  # the setting that trainings and their evaluation share
 
 
 @dataclass(frozen=True)

@@ -183,7 +183,9 @@ class ShapeNet(FolderSource):
             layout = Path("DIR", self.meshes, "SYNSET", "MODEL", "model.obj")
             raise InvalidInput(f"{folder.resolve()} {problem}; give a folder laid out as {layout} with --objects DIR (make: OBJECTS=DIR)")
         for category, synset in (present if self.classes_may_be_missing else self.synsets).items():
-            files = {model.name: _model_file(model) for model in sorted((folder / synset).glob("*")) if model.is_dir()}
+            models = [model for model in sorted((folder / synset).glob("*")) if model.is_dir()]
+            files = {model.name: model / "models" / "model_normalized.obj" for model in models}
+            files |= {model.name: model / "model.obj" for model in models if not files[model.name].is_file()}
             complete = sum(file.is_file() for file in files.values())
             where = (folder / synset).resolve()
             if not complete:
@@ -199,11 +201,6 @@ class ShapeNet(FolderSource):
                 if self.renderings is not None:
                     source["renderings"] = str(parent / self.renderings / synset / name / "rendering")
                 yield Object(f"{category}-{as_name(name)}", category, source)
-
-
-def _model_file(model: Path) -> Path:
-    candidates = (model / "models" / "model_normalized.obj", model / "model.obj")
-    return next((file for file in candidates if file.is_file()), candidates[0])
 
 
 def find_objects(

@@ -26,14 +26,7 @@ class Settings(Entries):
 
     def results(self) -> dict[str, Any]:
         """Return the settings that a result depends on, as plain values: they belong to a stage's key."""
-        return self._that_change("definition", "results")
-
-    def speed(self) -> dict[str, Any]:
-        """Return the settings that change speed alone."""
-        return self._that_change("speed")
-
-    def _that_change(self, *kinds: Change) -> dict[str, Any]:
-        return {name: value for name, value in self.model_dump(mode="json").items() if self.changes(name) in kinds}
+        return {name: value for name, value in self.model_dump(mode="json").items() if self.changes(name) != "speed"}
 
     @classmethod
     def changes(cls, name: str) -> str:

@@ -91,11 +91,7 @@ class MeshSource(Source):
     )
 
     def describe(self, file: Path, root: Path, up: str | None = None, metres_per_unit: float | None = None) -> dict[str, Any]:
-        """Describe how to load a file of this source; it may name files below `root`, and state its up-axis and unit.
-
-        An `InvalidInput` says that its path has control characters, or bytes that are not UTF-8, in which records are
-        written.
-        """
+        """Describe how to load a file of this source; it may name files below `root`, and state its up-axis and unit."""
         if CONTROLS.search(str(file)) or NOT_UTF8.search(str(file)):
             raise InvalidInput(f"{str(file)!r} has bytes that are not UTF-8, or control characters, in its name; rename it")
         unit, axis = stated_units(file)

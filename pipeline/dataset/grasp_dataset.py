@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 import torch
-from torch.utils.data import Dataset
+from torch.utils.data import Dataset, default_collate
 
+from pipeline.dataset.grasps import grasp_count
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.store.storage import Location
 
@@ -14,7 +14,7 @@ Item = dict[str, Any]
 
 
 class GraspDataset(Dataset[Item]):
-    """The grasps of a dataset's split, each a dict of tensors and the object's name.
+    """The grasps of a dataset's split, each a dict of tensors and the object's name; empty ones of `read-grasps` are skipped.
 
     Arrays with a grasp dimension give that grasp's part. Arrays of the object, also those of its presses or viewpoints,
     come whole and are read once per object. Constants (`untouched`) come as they are. Shapes, units and frames are the
@@ -31,8 +31,10 @@ class GraspDataset(Dataset[Item]):
         self.arrays = tuple(arrays)
         self.failed = self.rows.failed
         self._of_grasps = {name for name in arrays if self.rows.dims(name)[1:2] == ("grasp",)}
-        grasps = self.rows.size("joint_angles", "grasp")
-        self.items = [(object_id, grasp) for object_id in self.rows.object_ids for grasp in range(grasps)]
+        counts = dict.fromkeys(self.rows.object_ids, self.rows.size("joint_angles", "grasp"))
+        if (stored := self.rows.collections["grasps"]).first.has("grasp_files"):
+            counts = {name: grasp_count(stored.view(name)) for name in counts}
+        self.items = [(object_id, grasp) for object_id, count in counts.items() for grasp in range(count)]
 
     def __len__(self) -> int:
         return len(self.items)
@@ -40,10 +42,12 @@ class GraspDataset(Dataset[Item]):
     def __getitem__(self, index: int) -> Item:
         object_id, grasp = self.items[index]
         numbers = {name: grasp if name in self._of_grasps else None for name in self.arrays}
-        arrays = {name: _tensor(self.rows.read(name, object_id, number)) for name, number in numbers.items()}
-        return {"object_id": object_id, "grasp": grasp} | arrays
+        arrays = {name: self.rows.read(name, object_id, number) for name, number in numbers.items()}
+        items = {name: str(value) if value.dtype.kind in "OUT" else torch.from_numpy(value.copy()) for name, value in arrays.items()}
+        return {"object_id": object_id, "grasp": grasp, **items}
 
-
-def _tensor(value: np.ndarray) -> torch.Tensor | str:
-    """Copy an array into a tensor; return the string itself if it holds one."""
-    return str(value) if value.dtype.kind in "OUT" else torch.from_numpy(value.copy())
+    @staticmethod
+    def collate(items: Sequence[Item]) -> Item:
+        """Make a batch, for `DataLoader(…, collate_fn=…)`: stacked arrays, but a list of those whose size differs per object."""
+        columns = {name: [item[name] for item in items] for name in items[0]}
+        return {name: column if "/" in name else default_collate(column) for name, column in columns.items()}

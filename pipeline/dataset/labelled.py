@@ -13,7 +13,7 @@ from pipeline.errors import StoreError, unknown_name
 from pipeline.store.directory import DataDirectory
 from pipeline.store.shard import Shard
 from pipeline.store.storage import Location, as_location
-from pipeline.store.zarr_files import zarr_store
+from pipeline.store.zarr_files import open_array, zarr_store
 from schemas.catalogue import ARTIFACTS
 
 
@@ -93,7 +93,8 @@ class _LazyArray(BackendArray):
 
     def __init__(self, shard: Shard, name: str) -> None:
         self._shard, self._name = shard, name
-        self.shape, self.dtype = shard.array(name).shape, shard.array(name).dtype
+        stored = open_array(shard.path, name, shard.stored(name).metadata)
+        self.shape, self.dtype = stored.shape, stored.dtype
 
     def __dask_tokenize__(self) -> tuple[str, str]:
         return str(self._shard.path), self._name

@@ -92,7 +92,7 @@ class ObjectRows(UsableObjects):
     def __init__(
         self,
         data: str | Location,  # a data directory
-        arrays: Sequence[str],  # names; shapes, units and frames are the schemas'
+        arrays: Sequence[str],  # names, or paths such as meshes/vertices; shapes, units and frames are the schemas'
         split: str | None = "train",  # train, valid or test; None for all objects
         *,
         cache_megabytes: float = CACHE_MEGABYTES,  # limit of the cache of arrays
@@ -105,7 +105,7 @@ class ObjectRows(UsableObjects):
         super().__init__(data, {artifact.name: artifact for artifact in self._artifact_of.values()}.values(), split)
         for name, artifact in self._artifact_of.items():
             shard = self.collections[artifact.name].first
-            if name not in DERIVED and not shard.has(name):
+            if name not in DERIVED and "/" not in name and not shard.has(name):
                 raise StoreError(f"{shard.path} has no array {name}; enable it in the settings of its stage and run again")
         self.arrays = tuple(arrays)
         self.failed = {name: f"{failure.stage}: {failure.reason}" for name, failure in self.failures.items()}
@@ -116,12 +116,13 @@ class ObjectRows(UsableObjects):
     def dims(self, array: str) -> tuple[str, ...]:
         """Return the dimensions of an array, by name."""
         name = DERIVED[DIFFERENCE][0] if array == DIFFERENCE else array
-        return self._artifact_of[name].arrays[name].dims
+        declared = self._artifact_of[name].of(name)
+        return declared.dims if declared else ()
 
     def size(self, array: str, dim: str) -> int:
         """Return the size of an array along one of its dimensions, the same in every object."""
         position = self.dims(array).index(dim)
-        return int(self.collections[self._artifact_of[array].name].first.array(array).shape[position])
+        return int(self.collections[self._artifact_of[array].name].first.stored(array).shape[position])
 
     def diagonal(self, object_id: str) -> float:
         """Compute the diagonal of an object's bounding box, m, of the mesh in `surfaces`."""
@@ -147,6 +148,8 @@ class ObjectRows(UsableObjects):
             raise StoreError(f"array {array} was not opened, only {', '.join(self._artifact_of)}; name it when the rows are opened")
         artifact = self._artifact_of[array]
         shard = self.collections[artifact.name].shard(object_id)
+        if "/" in array:
+            return self._cache.get((array, object_id), lambda: self._read_ragged(array, object_id))
         if array in DERIVED and not shard.has(array):
             return self._derive(array, object_id, grasp)
         dims = artifact.arrays[array].dims
@@ -154,7 +157,7 @@ class ObjectRows(UsableObjects):
             return self._cache.get((array,), lambda: shard.read(array))
         by_grasp = grasp is not None and len(dims) > 1 and dims[1] in INDEXED_DIMS
         part = tuple(camera if dim == "camera" and camera is not None else slice(None) for dim in dims[1:])
-        stored, position = shard.array(array), shard.position[object_id]
+        stored, position = shard.stored(array), shard.position[object_id]
         entry = position if camera is None or "camera" not in dims else (position, *part)
         indices = {"camera": camera, **dict.fromkeys(INDEXED_DIMS, grasp)}
         for dim, count in zip(dims, stored.shape, strict=True):
@@ -171,6 +174,12 @@ class ObjectRows(UsableObjects):
             row = self._cache.get((array, object_id, camera), lambda: shard.read(array, entry))
         return np.asarray(row[grasp] if by_grasp else row)
 
+    def _read_ragged(self, array: str, object_id: str) -> np.ndarray:
+        view = self.collections[self._artifact_of[array].name].view(object_id)
+        if array not in view:
+            raise StoreError(f"{object_id} has no array {array}; there are {', '.join(name for name in view if '/' in name)}")
+        return view[array]
+
     def _derive(self, array: str, object_id: str, grasp: int | None) -> np.ndarray:
         from pipeline.kernels.touch.depth_maps import local_points  # compiled: readers of other arrays need not wait
 
@@ -181,7 +190,6 @@ class ObjectRows(UsableObjects):
         return np.stack(values).reshape(*sites, *np.shape(values[0]))
 
     def _difference(self, object_id: str, grasp: int | None) -> np.ndarray:
-        """Subtract each sensor's untouched image."""
         return np.asarray(self.read("tactile_image", object_id, grasp).astype(np.int16) - self.read("untouched", object_id))
 
 

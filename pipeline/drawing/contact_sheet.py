@@ -22,10 +22,8 @@ from pipeline.store.storage import Location, remove
 if TYPE_CHECKING:
     from pipeline.drawing.grasp_pictures import GraspPictures, Rows
 
-SHOWN = ("surfaces", "grasps", "vision", "touch")
-"""The artifacts that a contact sheet shows."""
-DRAWN = "contact-sheet.key"
-"""The list of the sheets that were drawn, in a data directory."""
+SHOWN = ("surfaces", "grasps", "vision", "touch")  # the artifacts that a contact sheet shows
+DRAWN = "contact-sheet.key"  # the list of the sheets that were drawn, in a data directory
 
 
 class Sheets(WrittenFiles):

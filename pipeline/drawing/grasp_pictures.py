@@ -24,14 +24,10 @@ from pipeline.kernels.vision.scene import Label, Scene
 from stages.render_vision.renderer import PosedMesh, Renderer
 
 Picture = NDArray[np.uint8]  # (rows, cols, 3)
-Rows = Mapping[str, Mapping[str, np.ndarray]]
-"""An object's rows, by artifact."""
-TRIAL_RESOLUTION = 48
-"""Pixels per side of the images that decide between cameras: enough to count what they show."""
-STRIDE = 3
-"""Every `STRIDE`-th pixel of a sensor becomes a vertex of its patch."""
-SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))
-"""The corners of a gel, in half sides."""
+Rows = Mapping[str, Mapping[str, np.ndarray]]  # an object's rows, by artifact
+TRIAL_RESOLUTION = 48  # pixels per side of the images that decide between cameras: enough to count what they show
+STRIDE = 3  # every `STRIDE`-th pixel of a sensor becomes a vertex of its patch
+SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))  # the corners of a gel, in half sides
 LINE, RIM, FINE = 1.5, 2.5, 4
 """Width of a square's outline and of the white rim under it, pixels; Pillow draws no smooth lines: `FINE` times as large, then averaged."""
 LIFT = 4e-4

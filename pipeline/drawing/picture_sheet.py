@@ -13,8 +13,7 @@ from pipeline.kernels.touch.sensor import Sensor
 
 T = TypeVar("T")
 
-PAGE = 8
-"""Rows per page."""
+PAGE = 8  # rows per page
 PICTURE, GAP, MARGIN, LINE, HEAD = 256, 8, 24, 20, 84
 """Pixels: the height of a row's pictures, between things, around a page, a line of text, a page's head."""
 INK, FAINT, PAPER, RULE = (34, 34, 38), (120, 120, 128), (255, 255, 255), (222, 222, 226)
@@ -59,7 +58,8 @@ def draw_sheet(
     files = []
     for number, shown in enumerate(pages, start=1):
         files.append(path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}"))
-        image = Image.new("RGB", (max(map(_width, shown)), HEAD + sum(map(_height, shown)) + MARGIN), PAPER)
+        width = 2 * MARGIN + max(sum(_side(tile) + GAP for tile in row.tiles) for row in shown)
+        image = Image.new("RGB", (width, HEAD + sum(map(_height, shown)) + MARGIN), PAPER)
         pencil, top = ImageDraw.Draw(image), HEAD
         pencil.text((MARGIN, MARGIN - 4), title if len(pages) == 1 else f"{title}   {number} / {len(pages)}", INK, _font(20, bold=True))
         pencil.text((MARGIN, MARGIN + 24), note, FAINT, _font(13))
@@ -75,10 +75,6 @@ def draw_sheet(
 def _side(tile: Tile) -> int:
     """Compute the side of a tile's pictures: two have a line for the note below them."""
     return PICTURE if len(tile.pictures) == 1 else (PICTURE - LINE) // 2 - 1
-
-
-def _width(row: SheetRow) -> int:
-    return 2 * MARGIN + sum(_side(tile) + GAP for tile in row.tiles)
 
 
 def _height(row: SheetRow) -> int:

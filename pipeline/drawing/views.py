@@ -14,10 +14,8 @@ from stages.render_vision.renderer import Renderer
 
 AZIMUTHS, ELEVATIONS = np.deg2rad(np.arange(-180, 180, 45)), np.deg2rad([25.0, -15.0])
 """Directions from which a second camera is chosen; a low one shows what the fingers do below."""
-MIN_TURN = np.deg2rad(40.0)
-"""Least angle between the second view and the first."""
-FILL = 0.92
-"""Share of the image's side that the subject takes up."""
+MIN_TURN = np.deg2rad(40.0)  # least angle between the second view and the first
+FILL = 0.92  # share of the image's side that the subject takes up
 
 
 def render_mesh(renderer: Renderer, mesh: Mesh, camera: Camera | None = None) -> NDArray[np.uint8]:  # (rows, cols, 3)
@@ -50,8 +48,7 @@ def zoomed(
 ) -> Camera:
     """Give a camera the focal length at which points fill its image."""
     reach = np.abs(project_points(projection_matrix(camera), points) - np.array(camera.centre)).max()
-    zoom = fill * camera.resolution / 2 / float(reach)
-    return camera.model_copy(update={"focal": (camera.focal[0] * zoom, camera.focal[1] * zoom)})
+    return camera.zoomed(fill * camera.resolution / 2 / float(reach))
 
 
 def cameras_around(

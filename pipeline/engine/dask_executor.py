@@ -16,12 +16,9 @@ from pipeline.engine.stage import Unit
 from pipeline.errors import StageError
 from pipeline.store.rows import Result
 
-CONNECT_SECONDS = 10
-"""Time limit for connecting to a scheduler."""
-JOIN_SECONDS = 60
-"""Time limit for the first worker to join."""
-POLL_SECONDS = 10
-"""Interval between two counts of the workers, while no object is finished."""
+CONNECT_SECONDS = 10  # time limit for connecting to a scheduler
+JOIN_SECONDS = 60  # time limit for the first worker to join
+POLL_SECONDS = 10  # interval between two counts of the workers, while no object is finished
 
 
 class Dask(Executor):
@@ -32,7 +29,6 @@ class Dask(Executor):
 
     @property
     def processes(self) -> int:
-        """The number of workers that the scheduler has."""
         return max(1, len(self._client.nthreads()))
 
     @cached_property

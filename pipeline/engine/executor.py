@@ -48,11 +48,7 @@ class Executor(AbstractContextManager["Executor"]):
 
     @abstractmethod
     def run(self, work: Work, units: Sequence[Unit]) -> Iterator[Result]:
-        """Process units; yield results in the order in which they finish.
-
-        A `StageError` says that the stage's session cannot be opened (nothing is wrong with any object), a `StoreError`
-        that an input is damaged.
-        """
+        """Process units; yield results in the order in which they finish."""
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         pass
@@ -71,11 +67,7 @@ class Serial(Executor):
 
 @contextmanager
 def session(work: Work) -> Iterator[Callable[[Unit], Result]]:
-    """Open what a stage keeps between objects; yield a function that processes a unit and saves its row or failure.
-
-    A `StageError` says that it cannot be opened, or that its data files are not those of the plan (nothing is wrong
-    with any object); a `StoreError`, that an input is damaged, or was replaced since the run was planned.
-    """
+    """Open what a stage keeps between objects; yield a function that processes a unit and saves its row or failure."""
     directory, stage, kind = DataDirectory(work.data), work.stage, processor_kind(processor())
     with ExitStack() as stack:
         try:
@@ -144,8 +136,7 @@ def pack(work: Work) -> bytes:
 def process_unit(packed: bytes, unit: Unit | None, seconds: float) -> Result | None:
     """Process a unit in the session of a run's packed work, which is opened first if need be; without a unit, only open it.
 
-    The kernel ends this process, even in native code, when the unit takes `seconds`. A `StageError` says that the
-    session cannot be opened, or that this worker has other code than the sender of the work.
+    The kernel ends this process, even in native code, when the unit takes `seconds`.
     """
     global _opened
     if _opened is None or _opened[0] != packed:

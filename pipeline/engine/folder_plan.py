@@ -38,7 +38,6 @@ class FolderPlan(Plan):
         super().__init__(request, directory, directory.folder_record(self.name), self.work / "lock", request.objects)
 
     def refresh(self) -> None:
-        """Read again what is published."""
         self.record = None
         with suppress(StoreError):
             self.record = read_record(self.record_path, FolderRecord)
@@ -87,16 +86,13 @@ class FolderPlan(Plan):
         return not changed_files(folder, files) if self.request.check else files.keys() <= files_below(folder).keys()
 
     def current(self) -> Made:
-        """Count the objects that the folder was made from."""
         return self.answer(f"up to date, {pluralise(self.total)}")
 
     def estimate(self) -> tuple[int, float, float]:
-        """Estimate a run as the stage does."""
         cost = self.stage.cost(self.settings, self.total)
         return self.total, cost.seconds, cost.kilobytes
 
     def intent(self, objects: int, cost: str) -> str:
-        """Say that the folder would be filled."""
         return f"would be made from {pluralise(objects)}, {cost}"
 
     def fill(self, console: Console) -> Made:

@@ -1,6 +1,6 @@
 """Make the output of a stage: reuse what is up to date, make what is missing."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -38,17 +38,23 @@ def plans(request: Request[Any], shard: int | None = None) -> Iterator[Plan]:
 
 
 def _outputs(request: Request[Any], shard: int | None) -> Iterator[Plan]:
-    """List a stage's outputs: its shards, or only `shard` or that of the requested object; or the folder of a dataset stage.
-
-    A `StoreError` says that the dataset is split into another number of shards, or that the requested object is in another one.
-    """
+    """Plan a stage's outputs: its shards, or only `shard` or that of the requested object; or the folder of a dataset stage."""
+    numbers = shard_numbers(request, shard)
     if not request.stage.per_object:
-        if request.only is not None or shard is not None:
-            raise InvalidInput(f"{request.stage.name} processes all objects at once; run it without --object and --shard")
         yield FolderPlan(request)
         return
     directory = DataDirectory(request.data)  # once for all: what others publish in its inputs meanwhile needs another run
-    shards = directory.check_shard_count(request.shards)
+    for number in numbers:
+        yield ShardPlan(request, directory, number, directory.check_shard_count(request.shards))
+
+
+def shard_numbers(request: Request[Any], shard: int | None) -> Sequence[int]:
+    """Choose the shards that a run makes, none of a dataset stage."""
+    if not request.stage.per_object:
+        if request.only is not None or shard is not None:
+            raise InvalidInput(f"{request.stage.name} processes all objects at once; run it without --object and --shard")
+        return ()
+    shards = DataDirectory(request.data).check_shard_count(request.shards)
     if shard is not None and shard >= shards:
         raise StoreError(f"there is no shard {shard} of {shards}: shards are numbered 0 to {shards - 1}")
     object_shard = None if request.only is None else shard_of(request.only, shards)
@@ -57,5 +63,4 @@ def _outputs(request: Request[Any], shard: int | None) -> Iterator[Plan]:
             f"object {request.only} is in shard {object_shard} of {shards}, shard {shard} was asked for; leave one of them out"
         )
     selected = object_shard if shard is None else shard
-    for number in range(shards) if selected is None else [selected]:
-        yield ShardPlan(request, directory, number, shards)
+    return range(shards) if selected is None else [selected]

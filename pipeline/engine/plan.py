@@ -141,13 +141,7 @@ class Plan(ABC):
         return Made(self.stage.name, self.path, text, **facts)
 
     def make(self, console: Console) -> Made:
-        """Make what is missing. A run that is killed at any moment continues where it stopped when it is run again.
-
-        An `InvalidInput` ends it at the first object that fails in this stage, or failed in it before, if `strict`; a
-        `StageError`, if the stage cannot work here, or a hand, sensor or scene file cannot be used; a `StoreError`, if
-        another run is making the output, it holds other objects, an input is damaged, or results cannot be stored (a full
-        disk, a directory that may not be written to); a `BugFound`, if processing an object raised an unexpected exception.
-        """
+        """Make what is missing. A run that is killed at any moment continues where it stopped when it is run again."""
         if self.up_to_date():
             return self.current()
         self._warn_of_low_disk_space()
@@ -174,7 +168,6 @@ class Plan(ABC):
             raise StoreError(f"{self.path} cannot be written: {why}, then run again: what is finished is kept") from error
 
     def _warn_of_low_disk_space(self) -> None:
-        """Warn where the disk has less room than the stage expects to write."""
         folder = on_disk(self.request.data)
         if folder is None or not self.total:
             return
@@ -209,12 +202,13 @@ class Plan(ABC):
 
     def provenance(self) -> dict[str, Any]:
         """Return the fields that every record has; `location` is filled in on publishing."""
+        results = self.settings.results()
         return {
             "location": "unpublished",
             "stage": self.stage.name,
             "key": self.key,
-            "settings": self.settings.results(),
-            "speed_settings": self.settings.speed(),
+            "settings": results,
+            "speed_settings": self.settings.model_dump(mode="json", exclude=set(results)),
             "preset": self.request.preset,
             "seed": self.request.seed,
             "manifest": self.request.manifest,

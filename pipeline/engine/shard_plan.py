@@ -50,7 +50,6 @@ class ShardPlan(Plan):
         super().__init__(request, directory, record_path, directory.work(artifact.name) / f"{record_path.stem}.lock", items)
 
     def refresh(self) -> None:
-        """Read again what is published."""
         self.shard: Shard | None = None
         with suppress(StoreError):
             self.shard = Shard(self.path.parent, self.artifact, read_record(self.record_path, ShardRecord))
@@ -148,7 +147,6 @@ class ShardPlan(Plan):
         return None
 
     def up_to_date(self) -> bool:
-        """Check that the shard is published, complete, has the current key, and holds no failure to retry."""
         if not self.units:
             return not exists(self.record_path)
         shard = self.shard
@@ -166,7 +164,6 @@ class ShardPlan(Plan):
             return Collection(self.path.parent, self.artifact, [])
 
     def current(self) -> Made:
-        """Count the objects of the shard, and name those that failed."""
         failures = {row.object_id: row.failure for row in self.record.rows} if self.record else {}
         return self.answer(f"up to date, {pluralise(len(self.units))}", failures)
 
@@ -189,7 +186,6 @@ class ShardPlan(Plan):
         return pending, pending * mean / self.request.executor.processes, self.total * cost.kilobytes
 
     def intent(self, objects: int, cost: str) -> str:
-        """Say how many rows would be made, or that finished ones would be published."""
         if not self.total:
             return f"would be removed, {NO_OBJECT_LEFT}"
         if not objects:
@@ -280,7 +276,6 @@ class ShardPlan(Plan):
             raise InvalidInput(f"{result.name}: {failure.reason} (--strict: stopped at the first failure)")
 
     def _publish(self, results: list[Result]) -> None:
-        """Publish results, one for each unit."""
         stage, artifact = self.stage, self.artifact
         rows = tuple(result.record(unit.category, unit.split, unit.inputs) for unit, result in zip(self.units, results, strict=True))
         constants = conform(artifact, self._labels(self.units[0].name) | stage.constants(self.settings), constants=True)

@@ -138,8 +138,8 @@ class ObjectStage(Stage):
     def session(self, settings: Any, models: Mapping[str, Path]) -> AbstractContextManager[Callable[[Unit, Inputs], Row]]:
         """Open what a worker keeps between objects (a renderer, a physics client); yield `process(unit, inputs) -> row`.
 
-        By default nothing is kept, and `process` makes the row. An `InvalidInput` that it raises is the object's failure; any other
-        exception is a fault of the stage.
+        By default nothing is kept, and `process` makes the row. An `InvalidInput` is the object's failure, another exception a fault of
+        the stage.
         """
         return nullcontext(partial(self.process, settings=settings))
 
@@ -193,8 +193,7 @@ class DatasetStage(Stage):
         """Fill the job's folder; return facts for its record (hardware, the best loss), as JSON."""
 
 
-Changes = Mapping[str, Any]
-"""Settings of a stage that differ from the user's, by name."""
+Changes = Mapping[str, Any]  # settings of a stage that differ from the user's, by name
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,8 @@ from pipeline.store.temporary import environment, temporary_folder
 TRIES = 2
 """Attempts per object: a process that dies may have been killed from outside; if it dies again, the object has failed."""
 
-CLOSE_SECONDS = 10.0
-"""Time limit for a worker to close its session."""
-
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-"""Environment of workers: each has a core."""
+CLOSE_SECONDS = 10.0  # time limit for a worker to close its session
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # environment of workers: each has a core
 
 NO_LEAKS = {"PYTHONWARNINGS": "ignore:resource_tracker:UserWarning"}
 """Environment of Python's tracker, which releases semaphores that libraries have in a worker when it is killed, and warns of them."""
@@ -47,7 +44,6 @@ class WorkerProcesses(Executor):
 
     @cached_property
     def _folder(self) -> Path:
-        """The folder for temporary files of workers."""
         return self._resources.enter_context(temporary_folder())
 
     def run(self, work: Work, units: Sequence[Unit]) -> Iterator[Result]:
@@ -93,7 +89,6 @@ class WorkerProcesses(Executor):
             self._end_busy()
 
     def _worker(self) -> "_Worker":
-        """Take an idle worker, or start one."""
         while self._idle:
             if (worker := self._idle.pop()).process.is_alive():
                 return worker
@@ -105,7 +100,6 @@ class WorkerProcesses(Executor):
             ) from error
 
     def _end_busy(self) -> None:
-        """End the workers that are in the middle of a unit."""
         for worker in self._busy:
             worker.kill()
         self._busy = []

@@ -30,8 +30,7 @@ from pipeline.kernels.arrays import Array, Integers
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import compose, sin_cos
 
-Fill = tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None]
-"""Colour (4,) and texture."""
+Fill = tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None]  # colour (4,) and texture
 SURFACES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 UNREAD_SHAPES = {
     "instance_controller": "a skin or a morph (instance_controller)",

@@ -1,41 +1,44 @@
 """Values computed from files, kept between runs: reading a hand's meshes takes seconds, parsing all code a second."""
 
-import json
+import pickle
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-Stamps = dict[str, list[int]]
-"""Times, number and size of files, by their paths."""
+MAX_BYTES = 20_000_000  # of a value that is kept: reading it takes 10 ms
+Stamps = dict[str, list[int]]  # times, number and size of files, by their paths
 
 
 class FileCache:
-    """JSON values by name, in a file. One counts until a file that it was computed from, or the code that computes it, is written."""
+    """Values by name, in a file. One counts until a file that it was computed from, or the code that computes it, is written.
+
+    They are pickled: the file must be as hard to write to as compiled modules, beside which it lies.
+    """
 
     def __init__(self, path: Path, code: Iterable[Path], limit: int) -> None:
         self._path, self._code, self._limit = path, stamps_of(code), limit
-        self._kept: dict[str, tuple[Any, Stamps | None]] = {}
+        self._kept: dict[str, tuple[bytes, Stamps | None]] = {}
         self._changed = False
-        with suppress(OSError, ValueError, KeyError, TypeError):
-            stored = json.loads(path.read_bytes())
-            if stored["code"] == self._code:
-                self._kept = dict(stored["kept"])
+        with suppress(Exception):  # none, a damaged one, or that of another version
+            written_by, kept = pickle.loads(path.read_bytes())
+            if written_by == self._code:
+                self._kept = kept
 
     def find(self, name: str) -> Any:
         """Return a value; None if there is none, or one of its files was written or replaced."""
-        with suppress(ValueError, KeyError, TypeError):
-            value, stamps = self._kept[name]
-            if stamps and stamps == stamps_of(map(Path, stamps)):
-                return value
+        value, stamps = self._kept.get(name, (b"", None))
+        with suppress(Exception):  # as of another version of a library
+            return pickle.loads(value) if stamps and stamps == stamps_of(map(Path, stamps)) else None
         return None
 
     def keep(self, name: str, value: Any, files: Iterable[Path]) -> None:
-        """Keep a value that was computed from files; beyond the limit, the oldest goes."""
+        """Keep a value of at most `MAX_BYTES` that was computed from files; beyond the limit, the oldest goes."""
         self._kept.pop(name, None)
-        self._kept = dict([*self._kept.items()][1 - self._limit :]) | {name: (value, stamps_of(files))}
-        self._changed = True
+        if len(content := pickle.dumps(value)) <= MAX_BYTES:
+            self._kept = dict([*self._kept.items()][1 - self._limit :]) | {name: (content, stamps_of(files))}
+            self._changed = True
 
     def save(self) -> None:
         """Write what is new, if the folder can be written to."""
@@ -43,7 +46,7 @@ class FileCache:
             unfinished = self._path.with_name(f"{self._path.name}.{uuid4().hex}")
             with suppress(OSError):
                 unfinished.parent.mkdir(exist_ok=True)
-                unfinished.write_text(json.dumps({"code": self._code, "kept": self._kept}))
+                unfinished.write_bytes(pickle.dumps((self._code, self._kept)))
                 unfinished.replace(self._path)
 
 

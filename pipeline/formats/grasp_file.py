@@ -58,7 +58,7 @@ def grasp_files(folder: Path, object_id: str) -> list[Path]:
     files = [path for path in (*named, *(folder / object_id).rglob("*.np[yz]")) if path.is_file()]
     for dash in re.finditer("-", object_id):
         outer, inner = object_id[: dash.start()], object_id[dash.end() :]
-        if outer and inner and (folder / outer).is_dir():
+        if outer and inner and not inner.startswith(".") and (folder / outer).is_dir():
             files += grasp_files(folder / outer, inner)
     return sorted(set(files), key=_numbered)
 
@@ -70,7 +70,7 @@ def _numbered(path: Path) -> list[Any]:
 
 def read_grasp_file(path: Path, folder: Path) -> Iterator[FileGrasp]:
     """Read the grasps of a file below a folder. Files with Python objects are read without running what they name."""
-    name = visible(path.relative_to(folder).as_posix())
+    name = visible(path.relative_to(folder).as_posix()).replace("\n", "\\n")
     try:
         readers = _readers(read_file(path, MAX_BYTES, name))
     except InvalidInput as error:
@@ -92,7 +92,7 @@ def _readers(content: bytes) -> list[Callable[[], Stated]]:
     readers: list[Callable[[], Stated]] = []
     for entry in np.ravel(_array_of(content, pickled=True)):
         if not isinstance(entry, dict) or not entry.keys() & {"qpos", "grasp_qpos"}:
-            entries = f"the entries {abbreviate([ascii(key) for key in entry])}" if isinstance(entry, dict) else "no dictionary"
+            entries = f"the entries {abbreviate([ascii(key[:40]) for key in entry])}" if isinstance(entry, dict) else "no dictionary"
             raise InvalidInput(f"it has {entries}; {FORMATS}")
         if "qpos" in entry:
             readers.append(partial(_dexgraspnet, entry))
@@ -130,7 +130,7 @@ def _array_of(content: bytes, *, pickled: bool) -> np.ndarray:
         rest = stream.read()
         if not dtype.hasobject and len(rest) == prod(shape) * dtype.itemsize:
             return np.frombuffer(rest, dtype).reshape(shape, order="F" if fortran else "C")
-    except (ValueError, KeyError, TypeError, OverflowError) as error:
+    except Exception as error:  # NumPy raises whatever its parsing of a header trips over
         raise InvalidInput(f"it is no .npy file that can be read ({error}); write it with numpy.save") from error
     if not dtype.hasobject:
         raise InvalidInput(f"an array of shape {shape} and type {dtype} has {len(rest)} bytes in it; is the file cut off?")
@@ -158,13 +158,15 @@ def _array_grasp(arrays: Mapping[str, Any], row: int) -> Stated:
 def _dexgraspbench(entry: Mapping[str, Any], row: Any) -> Stated:
     """Read a grasp of DexGraspBench, BODex or Dexonomy: position, m, and quaternion of the hand, real part first, then its joints."""
     names = {phase: f"{phase}_qpos" for phase in PHASES if f"{phase}_qpos" in entry}
-    qpos = {phase: _numbers(entry, name, np.shape(_array(entry, name)), row) for phase, name in names.items()}
+    qpos = {phase: np.atleast_1d(_numbers(entry, name, _array(entry, name).shape, row)) for phase, name in names.items()}
     if len(lengths := {len(values) for values in qpos.values()}) > 1 or min(lengths) <= 7:
         raise InvalidInput(f"{', '.join(names.values())} have {sorted(lengths)} numbers; each needs 7 of the root and all joints")
     if "obj_scale" not in entry and "scene_path" in entry:
         raise InvalidInput("it names a scene instead of obj_scale and obj_pose; convert it with DexGraspBench's task=format")
     root, scene = (_pose(values[:3], _quaternion(values[3:7])) for values in (qpos["grasp"], _numbers(entry, "obj_pose", (7,))))
     joints = tuple(map(str, _array(entry, "joint_names"))) if "joint_names" in entry else ()
+    if joints and len(joints) != len(qpos["grasp"]) - 7:
+        raise InvalidInput(f"joint_names has {len(joints)} names, the joints in grasp_qpos are {len(qpos['grasp']) - 7}")
     angles = {phase: values[7:] for phase, values in qpos.items()}
     return Stated(_scale(entry, "obj_scale", row), compose(invert_pose(scene), root), joints, angles)
 
@@ -196,17 +198,17 @@ def _numbers(entry: Mapping[str, Any], name: str, shape: tuple[int, ...], row: A
     array = _array(entry, name)
     if array.shape != shape or array.dtype.kind not in "fiu":
         raise InvalidInput(f"{name} has shape {array.shape} and type {array.dtype}; it must be numbers of shape {shape}")
-    values = array[row].astype(np.float64)
+    values: Array = array[row].astype(np.float64)
     if not np.isfinite(values).all():
         raise InvalidInput(f"{name} has a value that is not finite; correct it, or remove the grasp")
     return values
 
 
 def _number(entry: Mapping[str, Any], name: str) -> float:
-    value = entry.get(name)
-    if isinstance(value, np.ndarray) and value.size == 1:
+    value: Any = entry.get(name)
+    if isinstance(value, np.ndarray | np.generic) and value.size == 1:
         value = value.item()
-    if not isinstance(value, int | float | np.integer | np.floating) or not abs(value) < 1e6:
+    if not isinstance(value, int | float) or not abs(value) < 1e6:
         raise InvalidInput(f"it has no number {name} between -1e6 and 1e6; {FORMATS}")
     return float(value)
 

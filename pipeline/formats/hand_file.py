@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from importlib.util import cache_from_source, find_spec
 from itertools import chain
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +14,7 @@ from pydantic import AfterValidator, AliasChoices, Field, model_validator
 from pipeline.entries import Entries
 from pipeline.errors import InvalidInput, missing_name
 from pipeline.formats.description_file import description_path, read_description, shipped_files
-from pipeline.formats.file_cache import Stamps, stamps_of
+from pipeline.formats.file_cache import FileCache, Stamps, stamps_of
 from pipeline.formats.file_content import expanded
 from pipeline.formats.hand_joints import JointRoles, joint_roles, moved_links
 from pipeline.formats.mjcf import read_mjcf
@@ -31,6 +32,10 @@ Vector = tuple[Coordinate, Coordinate, Coordinate]
 Direction = Annotated[Vector, AfterValidator(lambda vector: _not_zero(vector))]
 Label = Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{1,60}$")]  # a name of an array's entry, and of exported files
 TORQUE = 0.7  # N m (N), of motors by default, unless an MJCF states less
+KEPT = Path(cache_from_source(__file__)).with_name("hands.pickle")
+CODE = sorted(file for layer in ("formats", "kernels") for file in Path(__file__).parents[1].joinpath(layer).rglob("*.py"))
+CODE += [Path(spec.origin) for spec in map(find_spec, ("numpy", "scipy", "trimesh", "mujoco")) if spec and spec.origin]
+"""Files that what is kept of hands depends on: modules, and what an upgrade of a library writes."""
 MAX_SKEW = 1e-2
 """Cosine of the angle between a sensor's normal and columns from which it is no rounding: directions of three digits are read."""
 
@@ -114,7 +119,7 @@ class HandFile(Entries):
         None,
         gt=0,
         le=1e6,
-        description=f"Maximum torque of the motors, N m (N for a joint that slides); by default that of an MJCF's weakest, or {TORQUE}.",
+        description=f"Maximum torque of the motors, N m (N for a joint that slides); by default {TORQUE}, or less if an MJCF's are weaker.",
     )
     friction: float = Field(
         0.5,
@@ -156,13 +161,22 @@ def _unit(vector: Vector) -> Array:
 def load_hand(
     name: str | Path,  # of a shipped hand (`allegro_right`), or the path of a hand file
 ) -> Hand:
-    """Read a hand with its URDF or MJCF and meshes; heavy collision meshes become convex shapes (`with_convex_shapes`)."""
+    """Read a hand with its URDF or MJCF and meshes; heavy collision meshes become convex shapes (`with_convex_shapes`).
+
+    It is kept between runs, until anything is written beside its files, unless a mesh names a file that is missing and may appear.
+    """
     path = description_path("hand", name).resolve()
     if path in _cached:
         stamps, hand = _cached[path]
         if stamps and stamps == stamps_of(hand.files):
             return hand
-    hand = _read(path)
+    kept = FileCache(KEPT, CODE, limit=10)
+    hand = kept.find(str(path))
+    if hand is None:
+        hand = _read(path)
+        if not any(shape.mesh.unread for link in hand.links for shape in (*link.visuals, *link.collisions)):
+            kept.keep(str(path), hand, {place for file in hand.files for place in (file, file.parent)})
+            kept.save()
     _cached.clear()
     _cached[path] = stamps_of(hand.files), hand
     return hand
@@ -218,7 +232,7 @@ def _assemble(file: HandFile, path: Path, model: Path) -> Hand:
         palm_centre=np.array(file.palm.centre, np.float64),
         followers=roles.followers,
         frozen=roles.frozen,
-        torque=file.torque or described.torque or TORQUE,
+        torque=file.torque or min(TORQUE, described.torque or TORQUE),
         friction=file.friction,
         model_files=described.files,
     )

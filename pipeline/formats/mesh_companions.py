@@ -64,7 +64,9 @@ class Companions(Mapping[str, bytes]):
                 raise InvalidInput(f"{file.name} names more than {MAX_NAMES} files; merge its materials")
             if path := self._find(name):
                 self.paths[name] = path
-                self._check_sizes()
+                if (size := sum(path.stat().st_size for path in set(self.paths.values()))) > MAX_BYTES:
+                    limit = f"{MAX_BYTES} are the most; make its textures smaller"
+                    raise InvalidInput(f"{file.name} names files of {size} bytes in all, {limit}")
             elif name:
                 self.unread.append(f"{name} is missing below the folder of meshes")
 
@@ -120,10 +122,6 @@ class Companions(Mapping[str, bytes]):
             return resolved if resolved.is_relative_to(self._root) and resolved.is_file() else None
         except (OSError, ValueError, RuntimeError):  # too long, a zero byte, a link to itself
             return None
-
-    def _check_sizes(self) -> None:
-        if (size := sum(path.stat().st_size for path in set(self.paths.values()))) > MAX_BYTES:
-            raise InvalidInput(f"{self.file_name} names files of {size} bytes in all, {MAX_BYTES} are the most; make its textures smaller")
 
 
 def _is_binary_stl(file: Path, content: bytes) -> bool:

@@ -27,8 +27,7 @@ BYTES = 5 * 2**28
 """Memory that reading a file may take: a COLLADA file of a million faces takes 1.1 GB, other formats less."""
 SECONDS = 60  # processor time that reading a file may take: a million faces take 7 s at most
 REMEDY = "decimate the mesh, name each part once, or write it as binary PLY"
-START = "from pipeline.formats.mesh_reader import serve; serve()"
-"""The program of the process."""
+START = "from pipeline.formats.mesh_reader import serve; serve()"  # the program of the process
 _lock = threading.Lock()
 _readers: dict[int, subprocess.Popen[bytes]] = {}
 """The reader of each process that has one, by its number: a fork of it starts its own."""

@@ -2,6 +2,7 @@
 
 MuJoCo parses and compiles the file: defaults, angles, frames, scales and inertias are its own. A body with several joints becomes a chain
 of links, the last with its name and frame. Poses are rounded: the C library's sine gives them, whose last digits are the processor's.
+Damping, springs and rotors of joints are not read: they suit the file's motors, and MuJoCo's implicit integration; PyBullet's is explicit.
 """
 
 from pathlib import Path
@@ -134,8 +135,7 @@ class _Reader:
             )
             lower, upper = low, high
         pose, rpy = _rounded(origin)
-        damping, friction = joint.damping.item(), joint.frictionloss.item()
-        return Joint(joint.name, kind, parent, len(self.links), pose, axis, lower, upper, mimic, rpy, damping, friction)
+        return Joint(joint.name, kind, parent, len(self.links), pose, axis, lower, upper, mimic, rpy)
 
     def _shapes(self, body: Any) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
         """Read what is seen of a body, and what collides: if nothing is there for the eye alone, what collides is seen."""

@@ -9,7 +9,7 @@ import math
 import re
 from dataclasses import dataclass
 from pickletools import genops
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -46,7 +46,7 @@ class _Dtype:
     """A type of array elements; a pickle states its byte order after it has made it."""
 
     code: str
-    order: str = "="
+    order: Literal["=", "<", ">", "|"] = "="
 
 
 def read_plain_pickle(content: bytes) -> Any:
@@ -162,7 +162,7 @@ class _Interpreter:
         self.bytes_left -= len(content)
         if self.bytes_left < 0:
             raise InvalidInput("its pickle makes larger arrays than the file has bytes; write it again as .npz")
-        array.__setstate__((1, shape, kind, fortran, content))
+        array.__setstate__((1, shape, kind, fortran, content))  # type: ignore[arg-type]  # it takes no np.bool
         return array
 
 

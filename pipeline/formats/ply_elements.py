@@ -22,8 +22,7 @@ TYPES = {
 HEADER = re.compile(rb"\s*ply[ \t]*[\r\n].*?[\r\n]end_header[ \t]*(?:\r\n|\n|\r)", re.DOTALL)
 
 
-Sizes = Mapping[str, NDArray[np.int64]]
-"""The sizes (N,) of lists by the names of their properties."""
+Sizes = Mapping[str, NDArray[np.int64]]  # the sizes (N,) of lists by the names of their properties
 
 
 @dataclass(frozen=True)

@@ -10,17 +10,15 @@ import numpy as np
 
 F = TypeVar("F", bound=Callable[..., object])
 
-_uncompiled = ContextVar("_uncompiled", default=False)
-"""Whether compiled functions that are called run as Python."""
+_uncompiled = ContextVar("_uncompiled", default=False)  # whether compiled functions that are called run as Python
 
 
 def compiled(function: F) -> F:
     """Compile a function of numbers and arrays at its first call; division by zero gives infinity or NaN.
 
-    The machine code is kept beside the function's file or in the user's cache; the Python function is the result's
-    `.py_func`. The result has the bits of the Python function: nothing is reordered or fused. Indices are not checked.
-    Copy slices in a loop, not by ``a[m:n] = b``: numba compiles the words of an error into that, which takes three
-    seconds. `numba.guvectorize` is not used: its cache is not safe for several processes (numba #10128).
+    Numba keeps the machine code beside the function's file, or in the user's cache. `.py_func` is the Python function, whose bits the
+    compiled one gives: nothing is reordered or fused. Indices are not checked. Copy slices in a loop: ``a[m:n] = b`` takes numba three
+    seconds to compile. `numba.guvectorize` is not used: its cache is not safe for several processes (numba #10128).
     """
     return cast(F, _Compiled(function))
 

@@ -119,10 +119,7 @@ def trained_folder(
     configuration: str,  # a key of `ROWS`
     training_seed: int = 0,
 ) -> Path:
-    """Find the folder of a configuration's trained network, or make a local copy if it is in object storage.
-
-    Raise a `StageError` if there is none, a `StoreError` if a file of it is missing or was changed.
-    """
+    """Find the folder of a configuration's trained network, or make a local copy if it is in object storage."""
     trained = trained_models(models, training_seed)
     if configuration not in trained:
         if not list_folder(models):

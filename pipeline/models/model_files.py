@@ -15,8 +15,7 @@ from pipeline.formats.description_file import invalid_entries
 from pipeline.formats.file_content import POINTER_REMEDY, is_pointer_file, read_file, regular_stat, without_mark
 
 WEIGHTS, DESCRIPTION = "model.safetensors", "model.json"
-MAX_BYTES = 2**20
-"""Largest size of a description."""
+MAX_BYTES = 2**20  # largest size of a description
 
 D = TypeVar("D", bound=BaseModel)
 N = TypeVar("N", bound=nn.Module)

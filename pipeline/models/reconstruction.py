@@ -34,10 +34,8 @@ VIEW_DEGREES, VIEW_SHARE = 1.0, 0.01
 """Largest differences of a view from the training's: of its direction, and of pixels as a share of the image."""
 QUERIES = 2**12
 """Points whose distances are predicted at a time: their features stay in a processor's cache, a fifth faster than eight times as many."""
-MARGIN = 1.04
-"""Half the side of the meshed cube, in radii: beyond any object that was scaled to 0.5 m."""
-HALVINGS = 3
-"""Times that the spacing of the first predictions is halved, where the surface may be."""
+MARGIN = 1.04  # half the side of the meshed cube, in radii: beyond any object that was scaled to 0.5 m
+HALVINGS = 3  # times that the spacing of the first predictions is halved, where the surface may be
 
 
 @dataclass(frozen=True)
@@ -127,11 +125,7 @@ class Reconstructor(ABC):
 
     @torch.no_grad()
     def reconstruct(self, observations: Sequence[Observation]) -> list[Reconstruction]:
-        """Reconstruct the surfaces of a batch of objects.
-
-        An `InvalidInput` names an image that is missing or has another size than the training's, or an array that holds
-        NaN.
-        """
+        """Reconstruct the surfaces of a batch of objects."""
         surfaces = self._surfaces(observations)
         for number, observation in enumerate(observations):
             if observation.scale != 1:  # back to the size of the object

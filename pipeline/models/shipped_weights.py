@@ -19,11 +19,9 @@ SHIPPED = Path(pipeline.__file__).parent / "assets" / "weights"
 """Laid out as DATA/models. `make weights` fills it; a version without weights has no such folder."""
 SENSORS = "sensors"
 """Folder below `SHIPPED` of the networks that read photographs, by their sensor's name. `make sensor-weights` fills it."""
-DEFAULT = "implicit-any"
-"""The network that reconstructs if none is named."""
+DEFAULT = "implicit-any"  # the network that reconstructs if none is named
 CARD = "{}.card.yaml"
-MAX_BYTES = 2**16
-"""Largest size of a card."""
+MAX_BYTES = 2**16  # largest size of a card
 
 
 class TrainedOn(Entries):

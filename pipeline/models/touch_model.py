@@ -26,8 +26,7 @@ from pipeline.kernels.touch.sensor import MM, Sensor, masked_points, resample, s
 from pipeline.models.model_files import load_network, read_description, save_model, unusable
 
 UNTOUCHED = "untouched.png"
-IMAGES_AT_ONCE = 32
-"""Tactile images in one batch: at Table 5's width about half a GB of features."""
+IMAGES_AT_ONCE = 32  # tactile images in one batch: at Table 5's width about half a GB of features
 SIDES_TOLERANCE = 0.03
 """Largest relative difference between the aspect ratios of photographs and sensor: pixels may not be quite square."""
 MAY_DIFFER = {name: True for name in ("rows", "cols", "range", "membrane", "gel", "noise")} | {"calibrated": {"background"}}

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import SubElement, parse
 
-from pipeline.errors import InvalidInput
+from pipeline.formats.mjcf_files import import_mujoco
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.depth_maps import gel_top
@@ -20,22 +20,33 @@ MOTORS = {"revolute": 5.0, "continuous": 5.0, "prismatic": 1e3}
 """N m/rad, those of DexGraspBench, and N/m: 20 N at 2 cm."""
 
 
-def hand_spec(
+def urdf_spec(
     hand: Hand,
-    folder: Path,  # where its URDF and its meshes are written, which MuJoCo reads when the description is compiled
-    sensors: Sequence[Sensor] = (),  # of its mounts, each a plate that slides along its normal
-    gain: Mapping[str, float] = MOTORS,  # N m/rad and N/m of a joint's motor, by kind
+    sensors: Sequence[Sensor],  # of its mounts, each a plate that slides along its normal; or none
+    folder: Path,  # that the URDF and meshes are written to; MuJoCo reads meshes when the description is compiled
 ) -> Any:
-    """Make MuJoCo's description of a hand, an `MjSpec`, with a motor for each entry of the joint vector, in that order."""
-    mujoco, urdf = import_mujoco(), write_hand_urdf(hand, folder, sensors)
+    """Make MuJoCo's description of a hand, an `MjSpec`, of the URDF that we write; without motors."""
+    urdf = write_hand_urdf(hand, folder, sensors)
     tree = parse(urdf)
     options = {"strippath": "true", "fusestatic": "false", "balanceinertia": "true", "discardvisual": "true"}
     SubElement(SubElement(tree.getroot(), "mujoco"), "compiler", options)
     tree.write(urdf)
-    spec = mujoco.MjSpec.from_file(str(urdf))
+    return import_mujoco().MjSpec.from_file(str(urdf))
+
+
+def add_drives(
+    spec: Any,
+    hand: Hand,
+    gain: Mapping[str, float],  # N m/rad and N/m of a joint's motor, by kind
+) -> None:
+    """Add a motor for each entry of the joint vector, in that order, the gears of following joints, and which links may overlap."""
+    mujoco = import_mujoco()
     joined = {(joint.parent, joint.child) for joint in hand.joints}  # MuJoCo lets links of a palm that does not move collide with it
-    for first, second in sorted(joined | hand.allowed_contacts):
-        spec.add_exclude(bodyname1=hand.links[first].name, bodyname2=hand.links[second].name)
+    bodies = {number: name for number, link in enumerate(hand.links) if spec.body(name := link.name)}
+    body_of = {number: min(body for body in bodies if body >= number) for number in range(len(hand.links))}  # links of one body follow
+    for first, second in sorted({(body_of[first], body_of[second]) for first, second in joined | hand.allowed_contacts}):
+        if first != second:
+            spec.add_exclude(bodyname1=bodies[first], bodyname2=bodies[second])
     for name, link in zip(hand.joint_names, hand.joint_links, strict=True):
         kind = hand.joints[link - 1].kind
         spec.joint(name).armature = ARMATURE[kind]
@@ -46,7 +57,6 @@ def hand_spec(
         gear = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, **HARD)
         gear.name1, gear.name2 = hand.joints[follower.link - 1].name, hand.joint_names[follower.entry]
         gear.data[:2] = follower.offset, follower.multiplier
-    return spec
 
 
 def write_hand_mjcf(hand: Hand, sensors: Sequence[Sensor], path: Path) -> list[str]:
@@ -55,7 +65,8 @@ def write_hand_mjcf(hand: Hand, sensors: Sequence[Sensor], path: Path) -> list[s
     Its world frame is that of the root link.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    spec = hand_spec(hand, path.parent, sensors)
+    spec = urdf_spec(hand, sensors, path.parent)
+    add_drives(spec, hand, MOTORS)
     for number, sensor in enumerate(sensors):
         plate = spec.body(gel_name(number))
         for joint in plate.joints:
@@ -76,13 +87,3 @@ def joint_values(
     values = dict(zip(hand.joint_names, joint_vector.tolist(), strict=True))
     values |= {hand.joints[follower.link - 1].name: float(follower.of(joint_vector)) for follower in hand.followers}
     return [values[name] for name in names]
-
-
-def import_mujoco() -> Any:
-    """Import MuJoCo, without its log file; raise an `InvalidInput` with the command that installs it if it is missing."""
-    try:
-        import mujoco
-    except ModuleNotFoundError as error:
-        raise InvalidInput("this needs MuJoCo; `pip install -c constraints.txt -e '.[mujoco]'` installs it (20 MB)") from error
-    mujoco.set_mju_user_warning(lambda message: None)  # it would write MUJOCO_LOG.TXT into the working directory
-    return mujoco

@@ -8,7 +8,6 @@ from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
 
 import numpy as np
 import scipy
-import trimesh
 from numpy.typing import ArrayLike
 
 from pipeline.console import abbreviate
@@ -85,6 +84,8 @@ def _add_link(robot: Element, link: Link, stem: Path, *, rotors: float) -> None:
         collision = SubElement(element, "collision")
         geometry = SubElement(collision, "geometry")
         if shape.kind == "mesh":
+            import trimesh  # takes half a second, which hands of boxes save
+
             path = stem.with_name(f"{stem.name}-{number}.obj")
             trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False).convex_hull.export(path)
             SubElement(geometry, "mesh", filename=str(path))

@@ -26,8 +26,7 @@ from pipeline.store.storage import Location
 from schemas.catalogue import ARTIFACTS
 from stages.registry import DATASET, load_stage
 
-MADE_BY = {artifact.stage: artifact for artifact in ARTIFACTS.values()}
-"""The artifact of each stage that makes one."""
+MADE_BY = {artifact.stage: artifact for artifact in ARTIFACTS.values()}  # the artifact of each stage that makes one
 
 
 def source_hash(source: Mapping[str, Any]) -> str:
@@ -52,14 +51,12 @@ def recipe_of(
     files_url: str | None = None,  # of the user's own files (hand, sensor, scene) whose SHA-256 alone is in the recipe
     full_digests: bool = False,  # give all 64 digits of every row's digest
 ) -> Recipe:
-    """Make the recipe of a dataset.
-
-    A `StoreError` says that it is incomplete, or was made by other code or from other files than are here; an
-    `InvalidInput`, that a source, or a file of a hand, sensor or scene, cannot be published.
-    """
+    """Make the recipe of a dataset."""
     directory = DataDirectory(data)
     by_stage = {name: collection for name in DATASET if (collection := directory.collection(MADE_BY[name])).shards}
     first_record = directory.collection(MADE_BY[DATASET[0]]).first.record
+    if others := {collection.first.record.stage for collection in by_stage.values()} - set(DATASET):
+        raise InvalidInput(f"{', '.join(others)} read files that no recipe names; publish these files, or the dataset")
     named = manifest or first_record.options.get("--manifest", first_record.manifest)
     described = load_manifest(named).with_units(units or first_record.options.get("--units"), up or first_record.options.get("--up"))
     folder = objects or (Path(first_record.options["--objects"]) if "--objects" in first_record.options else None)

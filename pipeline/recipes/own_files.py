@@ -24,8 +24,7 @@ from pipeline.store.atomic import refuse_links, write_atomically
 DESCRIBED: Mapping[str, Kind] = {"hand": "hand", "sensor": "sensor", "sensors": "sensor", "scene": "scene"}
 """Settings that name description files, and the kind of each."""
 
-MAX_TEXT = 2**16
-"""Bytes of a text file that a recipe holds; the hand file of the Allegro has 2 kB, its URDF 16 kB."""
+MAX_TEXT = 2**16  # bytes of a text file that a recipe holds; the hand file of the Allegro has 2 kB, its URDF 16 kB
 
 
 def own_names(settings: Mapping[str, Any]) -> Iterator[tuple[Kind, str]]:
@@ -75,10 +74,7 @@ def _files(kind: Kind, name: str) -> Iterator[Path]:
 
 
 def read_files(files: Mapping[str, Path]) -> tuple[dict[str, str], dict[str, str]]:
-    """Read the files that a recipe carries: the texts of some, the SHA-256 of the others.
-
-    An `InvalidInput` names a file that cannot be read, or whose references would break elsewhere.
-    """
+    """Read the files that a recipe carries: the texts of some, the SHA-256 of the others."""
     texts, digests = dict[str, str](), dict[str, str]()
     for name, path in files.items():
         if outside := _names_outside(path, name):
@@ -93,10 +89,7 @@ def read_files(files: Mapping[str, Path]) -> tuple[dict[str, str], dict[str, str
 
 
 def place_files(recipe: Recipe, folder: Path) -> None:
-    """Check the files of a recipe in a folder, then write its texts that are missing there.
-
-    An `InvalidInput` names a file that is missing or differs, or that names one outside the folder.
-    """
+    """Check the files of a recipe in a folder, then write its texts that are missing there."""
     digests = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in recipe.texts.items()} | recipe.files
     faults = []
     for name, expected in digests.items():

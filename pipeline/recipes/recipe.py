@@ -24,11 +24,8 @@ from pipeline.formats.file_content import read_text
 from pipeline.store import digest
 from pipeline.store.record import Name, Sha256, Text
 
-MAX_BYTES = 2**28
-"""Maximum size of a recipe: 200 bytes for each of a million objects, and some more."""
-
-MAX_NAME_BYTES = 255
-"""Maximum length of a path in a recipe: file systems accept no longer name."""
+MAX_BYTES = 2**28  # maximum size of a recipe: 200 bytes for each of a million objects, and some more
+MAX_NAME_BYTES = 255  # maximum length of a path in a recipe: file systems accept no longer name
 
 SHORT_DIGITS = 16
 """Hexadecimal digits of a row's digest in a recipe, which name a row that differs; the roots, of 64 digits, are the proof."""
@@ -36,8 +33,7 @@ SHORT_DIGITS = 16
 MAX_TEXTS, TEXT_SUFFIXES = 100, (".yaml", ".yml", ".urdf", ".xml", ".mtl")
 """Text files that a recipe may hold, which `remake` writes: their maximum number, and suffixes of files that nothing executes."""
 
-OBJECTS = "\nobjects: |\n"
-"""The line between the head of a recipe and the lines of its objects."""
+OBJECTS = "\nobjects: |\n"  # the line between the head of a recipe and the lines of its objects
 
 _LINE = re.compile(rf"({OBJECT_ID.pattern}) ([0-9a-f]{{64}}(?:\+[0-9a-f]{{16}})?|~[0-9a-f]{{16}})((?: [0-9a-f]{{16}}(?:[0-9a-f]{{48}})?)+)")
 

@@ -31,11 +31,7 @@ def prepare_remake(
     descriptions: Path | None = None,  # for hand, sensor and scene files of no package; the recipe's are written there
     sample: int | None = None,  # how many objects, drawn at random
 ) -> list[Request[Any]]:
-    """Check everything that a recipe needs before anything is made, and make the request of each stage in turn.
-
-    An `InvalidInput` names a source, setting or description file that is missing or is not that of the recipe, and what
-    to do.
-    """
+    """Check everything that a recipe needs before anything is made, and make the request of each stage in turn."""
     if recipe.texts or recipe.files:
         if descriptions is None:
             raise InvalidInput("the recipe has hand, sensor or scene files of its own; name a folder for them with --descriptions FOLDER")

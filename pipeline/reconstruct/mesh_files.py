@@ -23,9 +23,7 @@ from pipeline.store.atomic import write_atomically
 SUFFIXES = (".obj", ".ply", ".glb")
 STEEPEST = 0.1  # cosine between normal and view below which a vertex is on the rim, where pixels may show the background
 OFFSET = 1e-3  # of a ray's start from a surface over the surface's diagonal
-
-UPRIGHT = np.eye(4)
-"""A frame with z up, in metres."""
+UPRIGHT = np.eye(4)  # a frame with z up, in metres
 
 Parts = list[tuple[str, trimesh.Trimesh]]
 

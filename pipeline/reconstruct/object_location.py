@@ -12,10 +12,8 @@ from pipeline.models.reconstruction import Trained
 from pipeline.reconstruct.observation_file import RobotObservation
 
 BY_DEPTH = "estimated from depth and mask"
-FEW = 10
-"""Pixels with a depth below which an object is not located by them."""
-OUTLIERS = 1.0
-"""Percentage of the points at each side of a box around them that are ignored: some depths are wrong."""
+FEW = 10  # pixels with a depth below which an object is not located by them
+OUTLIERS = 1.0  # percentage of the points at each side of a box around them that are ignored: some depths are wrong
 
 
 class Target(Trained):

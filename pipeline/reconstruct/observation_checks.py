@@ -19,8 +19,7 @@ from pipeline.reconstruct.observation_file import RobotObservation, View, read_o
 
 FARTHEST, NEAREST = 10.0, 0.01
 """m: largest coordinate of a pose, and least distance of a camera from the object's centre."""
-SIZE_TOLERANCE = 0.02
-"""Relative difference of sensors, and of the sides of tactile images, that is taken for rounding."""
+SIZE_TOLERANCE = 0.02  # relative difference of sensors, and of the sides of tactile images, that is taken for rounding
 UNMEASURED = (
     "camera.depth is 0 or not finite wherever camera.mask shows the object, and camera.hand_mask no robot: register it to the photograph, "
     "and check that no mask is inverted"

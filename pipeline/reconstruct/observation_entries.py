@@ -19,8 +19,7 @@ from pipeline.kernels.touch.sensor import Sensor
 
 ROTATION_TOLERANCE = 1e-3
 """Deviation from orthonormal of a rotation that is rounded to the nearest one: files have few digits."""
-QUATERNION_TOLERANCE = 1e-2
-"""Deviation of a quaternion's length from 1."""
+QUATERNION_TOLERANCE = 1e-2  # deviation of a quaternion's length from 1
 
 Vector = tuple[float, float, float]
 Row = tuple[float, float, float, float]

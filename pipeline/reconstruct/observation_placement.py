@@ -33,8 +33,7 @@ FACING_AWAY = -0.5
 """Cosine between a sensor's normal and the direction to the object's centre below which it faces away: the centre of a thin object may be
 beside a finger."""
 
-MASK_SPAN = 0.2, 1.25
-"""Limits of the mask's diagonal in the photograph, over that of the object's at its distance."""
+MASK_SPAN = 0.2, 1.25  # limits of the mask's diagonal in the photograph, over that of the object's at its distance
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,7 @@ from pipeline.store.storage import Location, list_folder
 from schemas.charts import CHARTS
 from stages.fit_charts import ChartSettings
 
-TOUCHES = ("tactile_image", "sensor_pose", "touch_success")
-"""Arrays that charts are fitted to if none are stored."""
+TOUCHES = ("tactile_image", "sensor_pose", "touch_success")  # arrays that charts are fitted to if none are stored
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,7 @@ from pipeline.store.storage import Location
 from pipeline.store.validate import check_origins
 
 Surface = Literal["charts", "joined", "both", "closed"]
-RESOLUTIONS = 64, 400
-"""Fewest and most edges of a closed mesh."""
+RESOLUTIONS = 64, 400  # fewest and most edges of a closed mesh
 
 
 @dataclass(frozen=True)

@@ -33,8 +33,7 @@ ATTEMPTS = 12
 """Attempts at a conditional put while no other process writes: object storage may refuse one in a race, or a connection may break."""
 
 
-UNFINISHED = ".unfinished"
-"""The subfolder of a target folder that holds unfinished files and the lock of their writer."""
+UNFINISHED = ".unfinished"  # the subfolder of a target folder that holds unfinished files and the lock of their writer
 
 
 def write_atomically(path: Location, content: bytes, *, durable: bool = True) -> None:

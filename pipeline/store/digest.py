@@ -10,8 +10,7 @@ import numpy as np
 
 from pipeline.store.storage import Location, files_below, read_bytes
 
-LOGS = "tensorboard"
-"""A subfolder that no digest covers, because it holds times of day."""
+LOGS = "tensorboard"  # a subfolder that no digest covers, because it holds times of day
 
 
 def of_json(value: Any) -> str:

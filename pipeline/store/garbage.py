@@ -17,8 +17,7 @@ from pipeline.store.storage import TEMPORARY, Location, files_below, list_folder
 from schemas.catalogue import ARTIFACTS
 from schemas.folders import RECORD, TREES
 
-GRACE_SECONDS = 3600.0
-"""How long a replaced group is kept: readers may still have it open."""
+GRACE_SECONDS = 3600.0  # how long a replaced group is kept: readers may still have it open
 
 UNFINISHED_SECONDS = 7 * 86_400.0
 """How long unfinished work is kept at least: the rows of a shard wait there until all of them are made."""
@@ -27,8 +26,7 @@ REPLACED = ".replaced"
 """A marker file written into a folder in object storage when the folder is replaced: its age counts as the folder's. A run that loses a
 race may leave one in the current folder; it is hidden, and does no harm there."""
 
-_UNFINISHED = re.compile(rf".+\.[0-9a-f]{{32}}{re.escape(TEMPORARY)}")
-"""Names that `temporary` gives."""
+_UNFINISHED = re.compile(rf".+\.[0-9a-f]{{32}}{re.escape(TEMPORARY)}")  # names that `temporary` gives
 
 
 def unreferenced(directory: DataDirectory, folder: Location, older_than: float = -math.inf) -> Iterator[Location]:

@@ -1,23 +1,16 @@
-"""How arrays lie in the files of a shard: the specification that Zarr reads, violations of it, and encoded chunks."""
+"""How arrays lie in the files of a shard: the specification that Zarr reads, and encoded chunks."""
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import google_crc32c
 import numpy as np
 from numcodecs import blosc
 
-from schemas.base import FIXED, INDEXED_DIMS, Array, Artifact
-
-if TYPE_CHECKING:  # Zarr takes a third of a second to import, and few modules need it
-    from pydantic_zarr.v3 import ArraySpec
-
-    from pipeline.store.stored_array import StoredArray
-
-    AnyArray = ArraySpec[Any]
+from schemas.base import FIXED, INDEXED_DIMS, Array
 
 OBJECTS_PER_FILE = 64
 """Objects whose chunks share one file: few files, yet no more than these in memory while a shard is written."""
@@ -25,8 +18,7 @@ OBJECTS_PER_FILE = 64
 LEVEL = 5
 """zstd's level inside Blosc: 4 ms for a grasp's depth maps and tactile images; 8 makes them an eighth smaller, in six times as long."""
 
-SMALL_CHUNK = 16 * 1024
-"""Bytes below which splitting further costs more in headers than it saves in reading."""
+SMALL_CHUNK = 16 * 1024  # bytes below which splitting further costs more in headers than it saves in reading
 
 
 def numpy_dtype(array: Array) -> np.dtype[Any]:
@@ -49,14 +41,7 @@ def array_metadata(array: Array, shape: tuple[int, ...]) -> dict[str, Any]:
     }
 
 
-def array_spec(array: Array, shape: tuple[int, ...]) -> "AnyArray":
-    """Specify an array for Zarr."""
-    from pydantic_zarr.v3 import ArraySpec
-
-    return ArraySpec(**array_metadata(array, shape))
-
-
-def array_codecs(array: Array, shape: tuple[int, ...]) -> Any:
+def array_codecs(array: Array, shape: tuple[int, ...]) -> list[dict[str, Any]]:
     """List the codecs of an array as its `zarr.json` names them.
 
     zstd over shuffled bytes with a checksum, an object (or one grasp, viewpoint or camera of it) per chunk, up to
@@ -108,36 +93,6 @@ def schema_name(path: str) -> str:
     """Return the name of a path in its schema: `meshes/OBJECT_ID/faces` is `meshes/faces`."""
     parts = path.split("/")
     return "/".join((parts[0], parts[-1])) if len(parts) == 3 else path
-
-
-def schema_violations(artifact: Artifact, arrays: "Mapping[str, AnyArray | StoredArray]") -> Iterator[str]:
-    """List the violations of a schema by a group's arrays, given by path, one line each with array and reason."""
-    for name, array in artifact.arrays.items():
-        if name not in arrays and not array.optional:
-            yield f"{name}: the array is missing"
-    sizes: dict[str, tuple[int, str]] = {}
-    for path, stored in arrays.items():
-        declaration = artifact.of(schema_name(path))
-        if declaration is None:
-            yield f"{path}: the schema has no such array"
-            continue
-        violations = list(array_violations(path, declaration, stored))
-        yield from violations
-        for dim, size in zip(declaration.dims, stored.shape, strict=True) if not violations and "/" not in path else ():
-            if sizes.setdefault(dim, (size, path))[0] != size:
-                yield f"{path}: dimension {dim} has size {size}, but {sizes[dim][0]} in {sizes[dim][1]}"
-
-
-def array_violations(path: str, declaration: Array, stored: "AnyArray | StoredArray") -> Iterator[str]:
-    """List the violations of a declaration by a stored array, one line each."""
-    if stored.data_type != declaration.dtype:
-        yield f"{path}: dtype is {stored.data_type}, the schema says {declaration.dtype}"
-    if tuple(stored.dimension_names or ()) != declaration.dims or len(stored.shape) != len(declaration.dims):
-        yield f"{path}: dimensions are {stored.dimension_names} of {stored.shape}, the schema says {declaration.dims}"
-        return
-    for dim, size in zip(declaration.dims, stored.shape, strict=True):
-        if size != FIXED.get(dim, size):
-            yield f"{path}: dimension {dim} has size {size}, the schema says {FIXED[dim]}"
 
 
 blosc.use_threads = False  # threads would write a chunk's blocks in the order in which they finish: equal values, other bytes

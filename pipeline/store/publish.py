@@ -1,7 +1,6 @@
 """Write and publish outputs: each version of a shard or folder has a new name, and its record then names it."""
 
 import hashlib
-import json
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,11 +12,11 @@ from pipeline.errors import StoreError
 from pipeline.store.atomic import move_folder, replace_version, version_of
 from pipeline.store.directory import DataDirectory, versioned
 from pipeline.store.garbage import collect, mark_replaced
-from pipeline.store.layout import OBJECTS_PER_FILE, array_metadata, encode_array, schema_name, schema_violations
+from pipeline.store.layout import OBJECTS_PER_FILE, array_metadata, encode_array, schema_name
 from pipeline.store.record import FolderRecord, Provenance, RowRecord, ShardRecord, named_location, serialise_with_checksum
 from pipeline.store.rows import Result, Row, RowFiles
 from pipeline.store.storage import Location, files_below, remove
-from pipeline.store.stored_array import StoredArray, write_constant, write_file
+from pipeline.store.stored_array import StoredArray, encode_metadata, schema_violations, write_array, write_file, write_metadata
 from pipeline.store.temporary import local_copy
 from schemas.base import COMMON, FIXED, Artifact
 
@@ -115,18 +114,15 @@ def write_group(
     declared = {name: artifact.of(schema_name(name)) for name in shapes}
     if unknown := [name for name, array in declared.items() if array is None]:
         raise ValueError(f"{artifact.name} has no array {unknown[0]}; its schema names {sorted(artifact.arrays)}")
-    metadata = {name: _metadata("array", **array_metadata(array, shapes[name])) for name, array in declared.items() if array}
+    metadata = {name: encode_metadata("array", **array_metadata(array, shapes[name])) for name, array in declared.items() if array}
     stored = {name: StoredArray.open(path / name, content) for name, content in metadata.items()}
     if violations := list(schema_violations(artifact, stored)):
         raise StoreError(f"{path} does not fit its schema, so it is not published: {'; '.join(violations)}")
     shutil.rmtree(path, ignore_errors=True)
-    folders = {str(parent) for name in shapes for parent in Path(name).parents[:-1]}
-    metadata |= {"": _metadata("group", attributes=attributes), **dict.fromkeys(folders, _metadata("group", attributes={}))}
-    for name, content in metadata.items():
-        (path / name).mkdir(parents=True, exist_ok=True)
-        (path / name / "zarr.json").write_bytes(content)
+    metadata[""] = encode_metadata("group", attributes=attributes)
+    write_metadata(path, metadata)
     for name, values in constants.items():
-        write_constant(path.joinpath(name, "c", *["0"] * values.ndim), artifact.arrays[name], values)
+        write_array(path / name, artifact.arrays[name], values)
     stacked = {name: shape for name, shape in shapes.items() if "/" not in name and name not in constants}
     for start in range(0, len(rows), OBJECTS_PER_FILE):
         numbers = range(start, min(start + OBJECTS_PER_FILE, len(rows)))
@@ -148,12 +144,6 @@ def write_group(
 def _labels(row: RowRecord) -> dict[str, list[bytes]]:
     """Encode the entries of the arrays that every artifact has."""
     return {name: encode_array(COMMON[name], np.array(label)) for name, label in row.labels().items()}
-
-
-def _metadata(kind: str, **fields: Any) -> bytes:
-    """Write the `zarr.json` of a group or an array as Zarr writes it."""
-    last: dict[str, Any] = {"storage_transformers": []} if kind == "array" else {}
-    return json.dumps({**fields, "zarr_format": 3, "node_type": kind, **last}, indent=2).encode()
 
 
 def _group_shapes(artifact: Artifact, rows: Sequence[RowRecord], results: Sequence[Result], constants: Row) -> dict[str, tuple[int, ...]]:

@@ -23,8 +23,7 @@ from pipeline.errors import OtherVersion, StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.storage import Location, read_bytes
 
-FORMAT: Final = 2
-"""Version of the format of records, raised when an older version could misread them."""
+FORMAT: Final = 2  # version of the format of records, raised when an older version could misread them
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199}$")]
@@ -33,8 +32,7 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199}$")]
 RelativePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199}(/[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199})*$")]
 """A file or folder below another one, never above it."""
 
-Text = Annotated[str, Field(pattern=f"^{CONTROLS.pattern.replace('[', '[^', 1)}*$")]
-"""A name that is shown to people."""
+Text = Annotated[str, Field(pattern=f"^{CONTROLS.pattern.replace('[', '[^', 1)}*$")]  # a name that is shown to people
 
 
 ObjectOption = Literal["--manifest", "--objects", "--units", "--up"]

@@ -56,11 +56,8 @@ def conform(artifact: Artifact, row: Mapping[str, np.ndarray], *, constants: boo
     return conformed
 
 
-SIZE = 8
-"""Bytes at the end of a file that hold the size of its footer."""
-
-Chunks = Mapping[str, list[bytes]]
-"""The encoded chunks of a row, by array."""
+SIZE = 8  # bytes at the end of a file that hold the size of its footer
+Chunks = Mapping[str, list[bytes]]  # the encoded chunks of a row, by array
 
 
 class EncodedArray(Entries):

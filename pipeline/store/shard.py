@@ -2,29 +2,26 @@
 
 import hashlib
 import json
+import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from pipeline.errors import OtherVersion, StoreError, first_line
 from pipeline.store import digest
-from pipeline.store.layout import array_violations, numpy_dtype, schema_name
+from pipeline.store.layout import numpy_dtype, schema_name
 from pipeline.store.record import RowRecord, ShardRecord, named_location
 from pipeline.store.rows import Row, row_digest
-from pipeline.store.storage import File, Location, exists, files_below, is_machine_fault, read_bytes
-from pipeline.store.stored_array import StoredArray
+from pipeline.store.storage import File, Location, exists, files_below, is_machine_fault, map_in_threads, read_bytes
+from pipeline.store.stored_array import StoredArray, array_violations
 from schemas.base import COMMON, Artifact
 
-if TYPE_CHECKING:
-    import zarr
-
-_CHUNK = re.compile(r"/c(/[0-9]+)*$")
-"""The end of a chunk's path, which follows that of its array."""
+_CHUNK = re.compile(r"/c(/[0-9]+)*$")  # the end of a chunk's path, which follows that of its array
 
 
 class Shard:
@@ -36,7 +33,6 @@ class Shard:
         self.record = record
         self.position = {row.object_id: position for position, row in enumerate(record.rows)}
         self._stored: dict[str, StoredArray] = {}
-        self._arrays: dict[str, Any] = {}
         if record.schema_version != artifact.version:
             raise OtherVersion(
                 f"{self.path}: schema {artifact.name} is version {artifact.version} here, the shard has {record.schema_version}; "
@@ -55,17 +51,6 @@ class Shard:
     def has(self, name: str) -> bool:
         """Check whether the root has an array of this name: not every shard has all arrays of its schema."""
         return name in self.record.metadata
-
-    @cached_property
-    def group(self) -> "zarr.Group":
-        """The opened group."""
-        import zarr
-
-        from pipeline.store.zarr_files import zarr_store
-
-        self._metadata("")
-        with self.errors_as_damage("the group cannot be opened"):
-            return zarr.open_group(zarr_store(self.path), mode="r")
 
     @cached_property
     def attributes(self) -> Mapping[str, Any]:
@@ -128,16 +113,11 @@ class Shard:
             return "it was replaced since it was opened: open the dataset again, or run the same command again"
         return f"`vt-pipeline run {self.record.stage} --check`, with its other options as before, makes what is damaged again"
 
-    def array(self, name: str) -> Any:
-        """Open a stored array by Zarr; errors are those of `stored`."""
-        self.stored(name)
-        if name not in self._arrays:
-            with self.errors_as_damage(f"{name} cannot be opened"):
-                array = self.group[name]
-            if "/" in name:
-                return array  # they are too many to keep
-            self._arrays[name] = array
-        return self._arrays[name]
+    def described(self) -> dict[str, StoredArray]:
+        """Parse the `zarr.json` of every array, of which the schema may have none."""
+        names = [file.removesuffix("/zarr.json") for file in self._files if file.endswith("/zarr.json")]
+        contents = zip(names, map_in_threads(lambda name: read_bytes(self.path / name / "zarr.json"), names), strict=True)
+        return {name: StoredArray.open(self.path / name, text) for name, text in contents if json.loads(text)["node_type"] == "array"}
 
     def stored(self, name: str) -> StoredArray:
         """Find a stored array, by its path below the root.
@@ -151,7 +131,7 @@ class Shard:
         of_object, declared, content = "/" in name, self.artifact.of(schema_name(name)), self._metadata(name)
         with self.errors_as_damage(f"{name} cannot be opened"):
             array = StoredArray.open(self.path / name, content)
-            files = array.count_files()
+            files = math.prod(math.ceil(size / part) for size, part in zip(array.shape, array.file_shape, strict=True))
             violations = list(array_violations(name, declared, array)) if declared else []
         if (sound := self._chunk_files[name]) < files:
             raise StoreError(f"{self.path}: of {name} {files - sound} of {files} files are missing or empty; {self.remedy}")
@@ -173,7 +153,9 @@ class Shard:
             is_whole = index is ... if not stacked else isinstance(index, int) and self.record.rows[index].failure is None
             if declared and is_whole and array.has_layout_of(declared):
                 return array.read(declared, index if stacked else None)
-            return np.asarray(self.array(name)[index])
+            from pipeline.store.zarr_files import open_array
+
+            return np.asarray(open_array(self.path, name, array.metadata)[index])
 
     def check_arrays(self) -> None:
         """Open every array at the root, with the errors of `stored`."""

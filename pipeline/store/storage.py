@@ -30,11 +30,8 @@ from pipeline.formats.file_content import POINTER_REMEDY, expanded, is_pointer, 
 PROTOCOLS = ("s3", "gs")
 """URL schemes of object storage with conditional puts: S3 and compatible servers, Google Cloud Storage."""
 
-THREADS = 16
-"""Concurrent requests: each waits for the network, not for a core."""
-
-NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
-"""Error codes of a full disk or an exhausted quota."""
+THREADS = 16  # concurrent requests: each waits for the network, not for a core
+NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  # error codes of a full disk or an exhausted quota
 
 MACHINE_FAULTS = NO_ROOM | {errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE}
 """Error codes of a full, read-only or broken disk, and of too many open files."""
@@ -42,11 +39,8 @@ MACHINE_FAULTS = NO_ROOM | {errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE}
 RETRY: Any = {"max_retries": 10_000, "retry_timeout": timedelta(minutes=3)}
 """Retries of a request that a server does not answer, or answers with 5xx: it may be restarting."""
 
-Location = Path | UPath
-"""A folder or file: `pathlib.Path` on a disk, `UPath` in object storage."""
-
-TEMPORARY = ".tmp"
-"""Suffix of files that are being written."""
+Location = Path | UPath  # a folder or file: `pathlib.Path` on a disk, `UPath` in object storage
+TEMPORARY = ".tmp"  # suffix of files that are being written
 
 A = TypeVar("A")
 B = TypeVar("B")
@@ -214,7 +208,9 @@ def copy(source: Location, target: Location, names: Iterable[str]) -> None:
 
 
 def map_in_threads(function: Callable[[A], B], items: Sequence[A]) -> list[B]:
-    """Call a function that waits for the network with each item, several at a time."""
+    """Call a function that waits for the network with each item, several at a time; paths on a disk need no threads."""
+    if all(isinstance(item, Path) for item in items):
+        return [function(item) for item in items]  # where memory is short, a thread may end before it says so
     with ThreadPoolExecutor(THREADS) as pool:
         return list(pool.map(function, items))
 

@@ -61,8 +61,7 @@ def _locked(folder: Path, *, wait: bool = True) -> Iterator[None]:
         os.close(descriptor)
 
 
-SECONDS = 30.0
-"""Seconds between two checks for changed files: the most work that is lost with a machine."""
+SECONDS = 30.0  # seconds between two checks for changed files: the most work that is lost with a machine
 
 
 @contextmanager

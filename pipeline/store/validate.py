@@ -10,11 +10,11 @@ from pipeline.store import digest
 from pipeline.store.digest import files_of
 from pipeline.store.directory import DataDirectory, made_by, record_of
 from pipeline.store.garbage import all_unreferenced
-from pipeline.store.layout import schema_violations
 from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.rows import are_valid
 from pipeline.store.shard import RowView, Shard
 from pipeline.store.storage import Location, exists
+from pipeline.store.stored_array import schema_violations
 from schemas.base import COMMON
 from schemas.catalogue import ARTIFACTS
 
@@ -28,7 +28,10 @@ def problems_below(root: Location, *, strict: bool = False) -> dict[Location, li
     problems: dict[Location, list[str]] = {}
     for name in ARTIFACTS:
         for path in (records := directory.shard_records(name)):
-            problems[path] = _collect_lines(_record_problems(path, name))
+            try:
+                problems[path] = problems_of(Shard(path.parent, ARTIFACTS[name], read_record(path, ShardRecord)))
+            except StoreError as error:
+                problems[path] = [str(error)]
         if records:
             checks = [_origin_problems(directory, name), *([_mixed_processors(directory, name)] if strict else [])]
             if lines := [line for check in checks for line in _collect_lines(check)]:
@@ -64,19 +67,10 @@ def problems_of(shard: Shard) -> list[str]:
     return _collect_lines(_shard_problems(shard))
 
 
-def _record_problems(record: Location, artifact: str) -> Iterator[str]:
-    yield from problems_of(Shard(record.parent, ARTIFACTS[artifact], read_record(record, ShardRecord)))
-
-
 def _shard_problems(shard: Shard) -> Iterator[str]:
-    from pydantic_zarr.v3 import ArraySpec, GroupSpec
-
+    shard.attributes  # noqa: B018 (an error where the group's metadata cannot be read)
     with shard.errors_as_damage("metadata cannot be read"):
-        for name in filter(shard.has, shard.artifact.arrays):
-            shard.group.get(name)  # one after the other: if two fail concurrently, asyncio prints the second traceback
-        members = GroupSpec.from_zarr(shard.group).to_flat()
-    arrays = {path.removeprefix("/"): member for path, member in members.items() if isinstance(member, ArraySpec)}
-    violations = list(schema_violations(shard.artifact, arrays))
+        violations = list(schema_violations(shard.artifact, shard.described()))
     if violations:
         yield from (f"{line}; {shard.remedy}" for line in violations)
         return
@@ -144,8 +138,7 @@ def check_origins(directory: DataDirectory, names: Iterable[str], objects: Conta
     """Check that artifacts and folders, and all that they were made from, were made from the current inputs.
 
     With `objects`, check the rows of these alone: their shards may be remade before others. By default check all, which
-    must belong together. A `StoreError` names what was made from something else, has other splits, or has shards that
-    were made with different settings, and what to run again.
+    must belong together.
     """
     checked: set[str] = set()
     waiting = list(names)

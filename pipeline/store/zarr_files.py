@@ -1,12 +1,15 @@
-"""The files of a group as Zarr reads them. Importing Zarr takes a third of a second: only what needs it imports this module."""
+"""The files of a group as Zarr reads them. Import this module where it is needed: Zarr takes a third of a second to import."""
 
 import errno
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path, PurePosixPath
+from typing import Any
 
+from zarr import Array
 from zarr.abc.store import ByteRequest, Store
 from zarr.core.buffer import Buffer, BufferPrototype
-from zarr.storage import LocalStore, WrapperStore
+from zarr.storage import LocalStore, StorePath, WrapperStore
 from zarr.storage import ObjectStore as ZarrObjectStore
 
 from pipeline.store.storage import Location, check_file, client_of
@@ -32,7 +35,13 @@ class _Files(WrapperStore[Store]):
         return content
 
 
+@lru_cache(maxsize=64)
 def zarr_store(path: Location) -> Store:
     """Open a group for Zarr; a missing chunk is a `FileNotFoundError`."""
     files = LocalStore(path, read_only=True) if isinstance(path, Path) else ZarrObjectStore(client_of(str(path)), read_only=True)
     return _Files(files)
+
+
+def open_array(group: Location, name: str, metadata: dict[str, Any]) -> Array[Any]:
+    """Open an array of a group, whose `zarr.json` has been read."""
+    return Array.from_dict(StorePath(zarr_store(group), name), metadata)

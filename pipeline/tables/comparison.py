@@ -15,13 +15,9 @@ from stages.evaluate.baselines import BASELINE_PREFIX
 from stages.evaluate.evaluation_files import SHIPPED_ROWS, SHIPPED_SCORES, Figures, read_figures, read_root, read_table
 from stages.evaluate.scores import shipped_digest
 
-COMPARED = ("points", "tau", "scale", "rings")
-"""Settings that figures in one table share."""
-MAY_DIFFER = ("training_seed", "configurations")
-"""Settings in which evaluations of several trainings may differ."""
-
-Trainings = dict[str, dict[int, Figures]]
-"""By configuration, the figures of each of its trainings, by seed."""
+COMPARED = ("points", "tau", "scale", "rings")  # settings that figures in one table share
+MAY_DIFFER = ("training_seed", "configurations")  # settings in which evaluations of several trainings may differ
+Trainings = dict[str, dict[int, Figures]]  # by configuration, the figures of each of its trainings, by seed
 
 
 def difference(folder: Path, other: Path, settings: Iterable[str] = COMPARED) -> str | None:

@@ -38,8 +38,7 @@ ACCURACY = {
 """The metrics that need no explanation, by label, and the factors to their units."""
 SHARED = {"normals agree, %": ("normal_consistency", 100), "intersection over union": ("iou", 1)}
 """Further metrics that only surfaces have (of the first grasp), and only closed ones."""
-CHAMFER = ("chamfer", TABLE_3_FACTOR)
-"""In Table 3's unit."""
+CHAMFER = ("chamfer", TABLE_3_FACTOR)  # in Table 3's unit
 SAMPLING_ALONE = "what sampling alone gives"
 """Label of the Chamfer distance between two samplings of one surface, on average."""
 

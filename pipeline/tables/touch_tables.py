@@ -18,14 +18,11 @@ from schemas.grasps import GRASPS
 
 CONTACT_ARRAYS = ("contact_area", "opposition", "closure")
 HOLD_ARRAYS = ("held", "held_directions", "hold_distance", "hold_speed")
-OPPOSED = 90
-"""Degrees between the normals of two contacts, above which they press against each other."""
-SIZES = 5
-"""Maximum number of size bins; each but the last has an equal share of the objects."""
+OPPOSED = 90  # degrees between the normals of two contacts, above which they press against each other
+SIZES = 5  # maximum number of size bins; each but the last has an equal share of the objects
 MIN_RATIO, SAME = 1.05, 1 + 1e-6
 """Least ratio of the lower ends of successive bins; and ratio up to which sizes are equal, as those of objects scaled to one size."""
-DIRECTIONS = ("−x", "+x", "−y", "+y", "−z", "+z")
-"""Directions of gravity, as in `held_directions`."""
+DIRECTIONS = ("−x", "+x", "−y", "+y", "−z", "+z")  # directions of gravity, as in `held_directions`
 
 
 @dataclass(frozen=True)

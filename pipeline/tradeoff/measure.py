@@ -32,10 +32,8 @@ from stages.registry import DATASET, GRASP_STAGES, TRADED, assignment, load_stag
 
 TOUCH_ALONE = ("train-gcn.configuration=touch", "evaluate.configurations=[touch]")
 """The network whose trade is measured: it needs no images."""
-LONGEST = 0.25
-"""Share of the given time that one candidate may take; the paper's trainings take days."""
-FEWEST, MOST = 4, 32
-"""Number of objects in a sample: fewer do not show the spread, more add little information."""
+LONGEST = 0.25  # share of the given time that one candidate may take; the paper's trainings take days
+FEWEST, MOST = 4, 32  # number of objects in a sample: fewer do not show the spread, more add little information
 
 
 @dataclass(frozen=True)
@@ -236,11 +234,7 @@ def measure_trade(
     deadline: float,  # as `measure_points` takes it
     console: Console,
 ) -> MeasuredTrade:
-    """Measure a stage's trade, as `measure_points`.
-
-    Raise an `InvalidInput` if the stage declares no trade; a `StoreError` if no object of the sample came through the
-    stages, or none has what the error is measured on.
-    """
+    """Measure a stage's trade, as `measure_points`."""
     trade, loaded = load_trade(stage), load_stage(stage)
     skipped = forecast(stage, setup, limit)[1]
     listed = {label: entry for label, entry in candidates(stage, setup).items() if label not in skipped}

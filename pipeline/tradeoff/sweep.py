@@ -1,21 +1,14 @@
 """Sweep a dataset stage over a grid of settings, one folder per point; points that are up to date are not repeated."""
 
-import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from pipeline.console import Row, Table
 from pipeline.store.digest import of_json
 from pipeline.store.record import FolderRecord
 
-LONGEST_NAME = 150
-"""Characters of the name of a point's folder: records allow 200, with those of a version."""
-
-
-def grid_points(grid: Mapping[str, Iterable[Any]]) -> Iterator[dict[str, Any]]:
-    """List every combination of the grid's values, the last setting changing fastest."""
-    return (dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values()))
+LONGEST_NAME = 150  # characters of the name of a point's folder: records allow 200, with those of a version
 
 
 def point_folder(

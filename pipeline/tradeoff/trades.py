@@ -25,12 +25,10 @@ from pipeline.store.directory import DataDirectory
 from schemas.catalogue import ARTIFACTS
 from stages.registry import assignment
 
-FOLDER = "tradeoff"
-"""Folder of the measurements, below a data directory."""
+FOLDER = "tradeoff"  # folder of the measurements, below a data directory
 CONFIDENCE = 0.998
 """Confidence of Student's t for a bound: 19 of 20 other samples keep it even with skewed errors, such as lognormal ones of σ = 0.8."""
-END_TO_END = "reconstruction"
-"""The name, in place of a stage's, under which the trade of whole datasets is kept."""
+END_TO_END = "reconstruction"  # the name, in place of a stage's, under which the trade of whole datasets is kept
 
 
 NUMBER = r"([0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?|\.[0-9]+)"
@@ -232,8 +230,7 @@ def choices(trade: MeasuredTrade, workload: Workload) -> list[Choice]:
 def within_time(trades: Sequence[MeasuredTrade], workload: Workload, seconds: float) -> list[Choice]:
     """Choose one setting per stage such that all fit within a time, s, and the product of the error bounds is least.
 
-    Errors have different units, so they are compared by ratios: halving one counts as much as halving another. If even
-    the fastest settings take longer, an `InvalidInput` says how long.
+    Errors have different units, so they are compared by ratios: halving one counts as much as halving another.
     """
     plans: list[tuple[float, float, tuple[Choice, ...]]] = [(0.0, 0.0, ())]  # seconds, logarithm of the product, choices
     for trade in trades:
@@ -257,11 +254,7 @@ def within_time(trades: Sequence[MeasuredTrade], workload: Workload, seconds: fl
 
 
 def within_error(trades: Sequence[MeasuredTrade], workload: Workload, limit: Limit) -> list[Choice]:
-    """Choose the fastest setting of each stage whose error stays within a limit.
-
-    Stages without such an error keep the user's. If no setting keeps the limit, or no measured error has it, an
-    `InvalidInput` lists the measured errors.
-    """
+    """Choose the fastest setting of each stage whose error stays within a limit; stages without such an error keep the user's."""
     if all(limit.of(trade) is None for trade in trades):
         units = ", ".join(f"{trade.stage} in {trade.unit or 'a number without unit'}" for trade in trades)
         raise InvalidInput(f"no error is measured so; there are {units}")

@@ -15,10 +15,8 @@ from pipeline.formats.file_content import regular_stat
 from pipeline.store.atomic import write_atomically
 from pipeline.store.storage import read_bytes
 
-METRICS = "metrics.json"
-"""Losses of each epoch of a finished training."""
-FILE = ".checkpoint.safetensors"
-"""Hidden, as it is no part of the model; it stays until the model is finished."""
+METRICS = "metrics.json"  # losses of each epoch of a finished training
+FILE = ".checkpoint.safetensors"  # hidden, as it is no part of the model; it stays until the model is finished
 
 
 @dataclass

@@ -21,8 +21,7 @@ from pipeline.models.reconstruction import Trained
 from pipeline.store.storage import Location
 from pipeline.training.settings import ReconstructionSettings, TrainingSettings
 
-TARGETS = 128
-"""Objects whose points are kept in memory with their search tree, half a megabyte each."""
+TARGETS = 128  # objects whose points are kept in memory with their search tree, half a megabyte each
 
 
 class Items:

@@ -1,7 +1,5 @@
 """Stages that train networks; those that train one that reconstructs objects have all but its targets and its loss here."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -26,8 +24,7 @@ if TYPE_CHECKING:
 
 IMAGES = {"occluded": VISION, "unoccluded": VISION, "any": VISION, "rendering": RENDERINGS}
 """The artifact that holds each kind of image."""
-LEARNED_BEFORE = "learned_before"
-"""Name of a training's fact: what its pretrained network had learned from."""
+LEARNED_BEFORE = "learned_before"  # name of a training's fact: what its pretrained network had learned from
 OF_MESHES = ("spacing", "touch_reach")
 """Entries of a network's description that only decide how its predictions are meshed; its weights do not depend on them."""
 OTHER_STAGES = {"side": "fit-charts"}
@@ -116,7 +113,7 @@ class ReconstructionTraining(Training):
         return before
 
 
-def remarks(settings: ReconstructionSettings, items: Items) -> Iterator[str]:
+def remarks(settings: ReconstructionSettings, items: "Items") -> Iterator[str]:
     """Report settings that differ from their defaults without effect on this network, and items that it is not designed for."""
     from pipeline.kernels.networks.image_encoder import ENCODER_PLANS
 

@@ -16,16 +16,11 @@ from pipeline.kernels.metrics.retrieval import SearchedClouds, chamfer_matrix, n
 from stages.evaluate.evaluation_files import Figure, Figures
 from stages.evaluate.measure import MeasuredObjects
 
-POINTS = 1000
-"""Points per object that the search compares; the retrieved object is measured on all of its points."""
-BLOCK = 500
-"""Training objects that are in memory at a time, a tenth of a megabyte each, with their silhouettes."""
-CANDIDATES = 200
-"""Training objects, spread evenly, among which the typical one is chosen: each is compared with each."""
-MASKS = 64
-"""Test objects whose silhouettes are compared at a time."""
-BASELINE_PREFIX = "training object, "
-"""Prefix of the name of each baseline."""
+POINTS = 1000  # points per object that the search compares; the retrieved object is measured on all of its points
+BLOCK = 500  # training objects that are in memory at a time, a tenth of a megabyte each, with their silhouettes
+CANDIDATES = 200  # training objects, spread evenly, among which the typical one is chosen: each is compared with each
+MASKS = 64  # test objects whose silhouettes are compared at a time
+BASELINE_PREFIX = "training object, "  # prefix of the name of each baseline
 LABELS = {
     "typical": "typical training object",
     "by silhouette": "training object of the most similar silhouette",
@@ -34,8 +29,7 @@ LABELS = {
 }
 """Labels of baselines in tables, by method of choice."""
 
-Silhouettes = Callable[[str], NDArray[np.bool_]]
-"""Reads the silhouettes of an object, (view, pixel)."""
+Silhouettes = Callable[[str], NDArray[np.bool_]]  # reads the silhouettes of an object, (view, pixel)
 
 
 def label(name: str) -> str:

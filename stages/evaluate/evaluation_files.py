@@ -9,14 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import zarr
 from numpy.typing import NDArray
-from pydantic_zarr.v3 import GroupSpec
-from zarr.storage import LocalStore
 
 from pipeline.errors import StoreError
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.directory import DataDirectory
-from pipeline.store.layout import array_spec, numpy_dtype
+from pipeline.store.layout import array_metadata, numpy_dtype
 from pipeline.store.storage import list_folder
+from pipeline.store.stored_array import encode_metadata, write_array, write_metadata
 from pipeline.store.zarr_files import zarr_store
 from schemas.evaluation import GROUPS, VERSION
 
@@ -24,15 +23,12 @@ TABLES_ZARR = "tables.zarr"
 METRICS = "metrics.json"
 METHOD_NAME = r"^[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}$"
 """Pattern of the name of a method that is scored, which becomes the name of a folder."""
-SHIPPED_SCORES = "scores/shipped"
-"""Folder of the figures of the pretrained network, below a data directory."""
-SHIPPED_ROWS = "shipped-"
-"""Prefix of the names of its rows in tables: `shipped-touch` takes touches."""
+SHIPPED_SCORES = "scores/shipped"  # folder of the figures of the pretrained network, below a data directory
+SHIPPED_ROWS = "shipped-"  # prefix of the names of its rows in tables: `shipped-touch` takes touches
 
 Arrays = dict[str, np.ndarray]
 
-NOTHING = np.zeros(0, int), np.zeros(0)
-"""Object numbers and values of a metric that was not measured."""
+NOTHING = np.zeros(0, int), np.zeros(0)  # object numbers and values of a metric that was not measured
 
 
 class Figure(NamedTuple):
@@ -134,15 +130,15 @@ def write_evaluation(
     """Write `tables.zarr`, whose arrays must be those of the schema."""
     checked = {name: _conform(name, arrays) for name, arrays in groups.items()}
     shutil.rmtree(folder / TABLES_ZARR, ignore_errors=True)
-    store = LocalStore(folder / TABLES_ZARR)
-    zarr.create_group(store, attributes={"schema": "evaluation", "schema_version": VERSION, **attributes}, zarr_format=3)
+    root = folder / TABLES_ZARR
+    metadata = {"": encode_metadata("group", attributes={"schema": "evaluation", "schema_version": VERSION, **attributes})}
     for name, arrays in checked.items():
         declared = GROUPS[name.partition("/")[0]]
-        members = {key: array_spec(declared.arrays[key], value.shape) for key, value in arrays.items()}
-        with zarr.config.set({"array.write_empty_chunks": True}):
-            group: Any = GroupSpec(attributes={"summary": declared.summary}, members=members).to_zarr(store, path=name)
-            for key, value in arrays.items():
-                group[key][...] = value
+        metadata[name] = encode_metadata("group", attributes={"summary": declared.summary})
+        for key, value in arrays.items():
+            metadata[f"{name}/{key}"] = encode_metadata("array", **array_metadata(declared.arrays[key], value.shape))
+            write_array(root / name / key, declared.arrays[key], value)
+    write_metadata(root, metadata)
 
 
 def long_table(figures: Mapping[str, Figures]) -> dict[str, list[Any]]:

@@ -33,14 +33,11 @@ from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
 from stages.evaluate.measure import Case, MeasuredCase, Method, Protocol
 
-NEAR, NEAR_SHARE = 5e-3, 0.01
-"""Distances of the F-scores: m, and a share of the object's diagonal."""
+NEAR, NEAR_SHARE = 5e-3, 0.01  # distances of the F-scores: m, and a share of the object's diagonal
 POINTS_IN_BOX = 20_000
 """Points in the box around an object and its closed mesh: their overlap is accurate to 0.02 if they fill a twentieth of the box."""
-CHAMFER_FACTOR = 1000.0
-"""Factor of Table 4's Chamfer distances."""
-SILHOUETTE_STEP = 2
-"""Every second pixel of every second row of a rendering's silhouette is compared."""
+CHAMFER_FACTOR = 1000.0  # factor of Table 4's Chamfer distances
+SILHOUETTE_STEP = 2  # every second pixel of every second row of a rendering's silhouette is compared
 
 
 class GraspProtocol(Protocol):
@@ -68,7 +65,6 @@ class GraspProtocol(Protocol):
             item.prepare(self, self.grasps)
 
     def cases(self, method: Method) -> list[Case]:
-        """List the cases of the dataset's grasps."""
         return method.cases(self.grasps, self.settings.grasps)
 
     def identity(self, object_id: str, case: Case) -> tuple[str | int, ...]:
@@ -224,7 +220,6 @@ class SingleImageProtocol(Protocol):
         self.views = min(self.settings.views, self.objects.size("rendering", "viewpoint"))
 
     def cases(self, method: Method) -> list[Case]:
-        """List the views."""
         return [Case(view, (), 1, (view,)) for view in range(self.views)]
 
     def identity(self, object_id: str, case: Case) -> tuple[str | int, ...]:
@@ -232,7 +227,6 @@ class SingleImageProtocol(Protocol):
         return object_id, case.first
 
     def figures(self, method: Method, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
-        """Measure the distances of a view."""
         figures = self.distance_figures(measured.distances, measured.object_id)
         yield from ((measured.case.first, metric, value) for metric, value in figures.items())
 

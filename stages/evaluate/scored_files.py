@@ -23,22 +23,18 @@ from pipeline.models.reconstruction import Reconstruction
 from pipeline.rng import numpy_rng
 from stages.evaluate.measure import Case, Method, Protocol, sample_reconstruction
 
-CLOUD = ".npy"
-"""Suffix of a point cloud as an array; a PLY file may hold one too."""
+CLOUD = ".npy"  # suffix of a point cloud as an array; a PLY file may hold one too
 SUFFIXES = (*MESH_SUFFIXES, CLOUD)
 CASE = re.compile(r"grasps-([1-9]\d*)(?:-from-(\d+))?")
 """Folders below: how many grasps were given, and the first of them."""
-Y_UP = (".glb", ".gltf")
-"""Formats whose y points up by their standard; they are turned to the world's z."""
+Y_UP = (".glb", ".gltf")  # formats whose y points up by their standard; they are turned to the world's z
 
 SIZES = 10.0
 """Ratio of sizes beyond which a reconstruction is taken to be in another unit than the object, and not just bad."""
 TURNED = 0.25
 """Share of its error that remains when a reconstruction is turned, below which it was made with another axis up."""
-DRAWN = 500
-"""Points of a reconstruction with which that is tested."""
-UNITS = {1e-3: "km", 1e2: "cm", 1e3: "mm", 39.37: "inches"}
-"""Units, by their number per metre."""
+DRAWN = 500  # points of a reconstruction with which that is tested
+UNITS = {1e-3: "km", 1e2: "cm", 1e3: "mm", 39.37: "inches"}  # units, by their number per metre
 
 
 class Files(Method):
@@ -152,10 +148,7 @@ def find_files(
 def read_surface(
     path: Path,  # a mesh file, a PLY file of points, or an array (N, 3) of points; world frame, m
 ) -> Reconstruction:
-    """Read a mesh or, without faces, a point cloud; glTF's y becomes the world's z.
-
-    An `InvalidInput` names a file that is missing or damaged, holds no point, or one that is not finite.
-    """
+    """Read a mesh or, without faces, a point cloud; glTF's y becomes the world's z."""
     if path.suffix.lower() == CLOUD:
         points = read_array(path)
         if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":

@@ -151,7 +151,7 @@ def measuring_settings(directory: DataDirectory) -> dict[str, Any]:
         settings = read_root(directory.verified_folder(evaluated[0]))["settings"]
         measuring = {key: value for key, value in settings.items() if key in GraspMeasuringSettings.model_fields}
     else:
-        points = directory.collection(SURFACES).first.array("points").shape[1]
+        points = directory.collection(SURFACES).first.stored("points").shape[1]
         measuring = {"points": min(GraspMeasuringSettings.model_fields["points"].default, points)}
     return measuring | {"closed_resolution": None, "grasps": (1,)}
 
@@ -222,6 +222,6 @@ def _missing_inputs(directory: DataDirectory, model: Reconstructor) -> dict[str,
             missing = dict.fromkeys(("occluded", "unoccluded"), why) | missing
     if not charts.shards:
         missing["touch"] = "fit-charts has not been run"
-    elif (vertices := charts.first.array("vertices").shape[-2]) != model.config.side**2:
+    elif (vertices := charts.first.stored("vertices").shape[-2]) != model.config.side**2:
         missing["touch"] = f"charts have {vertices} vertices, it takes {model.config.side**2}"
     return missing

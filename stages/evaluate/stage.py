@@ -31,8 +31,7 @@ from stages.evaluate.evaluation_files import METRICS, Arrays, Figure, Figures, e
 if TYPE_CHECKING:
     from stages.evaluate.measure import Method, Protocol
 
-MEASURED = "measured"
-"""Folder of the row files of finished networks, which a killed run leaves."""
+MEASURED = "measured"  # folder of the row files of finished networks, which a killed run leaves
 
 
 def _with_one(grasps: tuple[int, ...]) -> tuple[int, ...]:

@@ -46,8 +46,7 @@ class MeshHandle:
     bounds: Array  # (2, 3) m, of its corners in its own frame: least, greatest; infinite where it has none
 
 
-PosedMesh = tuple[MeshHandle, Array]
-"""A mesh that was added to a renderer, and its pose, (4, 4) to the world frame."""
+PosedMesh = tuple[MeshHandle, Array]  # a mesh that was added to a renderer, and its pose, (4, 4) to the world frame
 
 
 class NoOpenGL(RuntimeError):
@@ -231,8 +230,10 @@ class Renderer(AbstractContextManager["Renderer"]):
         lamp: Vector | None = None,  # replaces the position of the scene's lamp, world frame, m
     ) -> RenderedImage:
         """Render only the given meshes."""
-        rgb, lens, uniforms = self._colors(meshes, camera or self._camera, lamp)
-        shape = rgb.shape[0], rgb.shape[1]
+        camera = camera or self._camera
+        (lens, uniforms), shape = self._view(meshes, camera, lamp), camera.shape
+        self._context.draw(meshes, uniforms, self._background, shape, as_labels=False)
+        rgb = np.ascontiguousarray(self._context.read_colors(shape)[..., :3])
         self._context.draw(meshes, uniforms, (0.0, 0.0, 0.0), shape, as_labels=True)
         segmentation = np.ascontiguousarray(self._context.read_colors(shape)[..., 0])
         depth = self._context.read_depth(shape, lens.znear, lens.zfar)
@@ -240,13 +241,16 @@ class Renderer(AbstractContextManager["Renderer"]):
 
     def render_colors(self, meshes: Sequence[PosedMesh], camera: Camera | None = None, lamp: Vector | None = None) -> NDArray[np.uint8]:
         """Render the colours that `render` gives, (R, C, 3), in half the time."""
-        return self._colors(meshes, camera or self._camera, lamp)[0]
+        camera = camera or self._camera
+        self._context.draw(meshes, self._view(meshes, camera, lamp)[1], self._background, camera.shape, as_labels=False)
+        return np.ascontiguousarray(self._context.read_colors(camera.shape)[..., :3])
 
-    def _colors(
-        self, meshes: Sequence[PosedMesh], camera: Camera, lamp: Vector | None
-    ) -> tuple[NDArray[np.uint8], Any, dict[str, Array32]]:  # (R, C, 3), pyrender's camera, and the uniforms of further drawings
+    def _view(self, meshes: Sequence[PosedMesh], camera: Camera, lamp: Vector | None) -> tuple[Any, dict[str, Array32]]:
+        """Compute pyrender's camera, and the uniforms of drawings."""
         pose, shape = camera_pose(camera), camera.shape
-        lens = _gl_camera(self._context.pyrender, camera, _least_depth(meshes, pose))
+        (fx, fy), (cx, cy), away = camera.focal, camera.centre, float(length(camera.position))
+        near = max(float(np.clip(_least_depth(meshes, pose), CLOSE_PLANE, NEAR_PLANE)), away - REACH)
+        lens = self._context.pyrender.IntrinsicsCamera(fx=fx, fy=fy, cx=cx, cy=cy, znear=near, zfar=max(FAR_PLANE, away + REACH))
         values = {
             "V": np.linalg.inv(pose),
             "P": lens.get_projection_matrix(width=shape[1], height=shape[0]),
@@ -254,9 +258,7 @@ class Renderer(AbstractContextManager["Renderer"]):
             "point_lights[0].position": lamp or self._lamp_position,
             **self._light,
         }
-        uniforms = {name: np.asarray(value, np.float32) for name, value in values.items()}
-        self._context.draw(meshes, uniforms, self._background, shape, as_labels=False)
-        return np.ascontiguousarray(self._context.read_colors(shape)[..., :3]), lens, uniforms
+        return lens, {name: np.asarray(value, np.float32) for name, value in values.items()}
 
 
 def _least_depth(meshes: Sequence[PosedMesh], pose_of_camera: Array) -> float:
@@ -269,12 +271,6 @@ def _least_depth(meshes: Sequence[PosedMesh], pose_of_camera: Array) -> float:
         middle, half = pose[:3, :3] @ (low + high) / 2 + pose[:3, 3], np.abs(backwards @ pose[:3, :3]) @ (high - low) / 2
         least = min(least, float((position - middle) @ backwards - half))
     return least
-
-
-def _gl_camera(gl: Any, camera: Camera, least_depth: float = np.inf) -> Any:
-    (fx, fy), (cx, cy), away = camera.focal, camera.centre, float(length(camera.position))
-    near, far = max(float(np.clip(least_depth, CLOSE_PLANE, NEAR_PLANE)), away - REACH), max(FAR_PLANE, away + REACH)
-    return gl.IntrinsicsCamera(fx=fx, fy=fy, cx=cx, cy=cy, znear=near, zfar=far)
 
 
 def _gl_primitive(gl: Any, primitive: Primitive) -> Any:

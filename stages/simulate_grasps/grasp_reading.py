@@ -12,7 +12,7 @@ from pipeline.engine.stage import Inputs, Unit
 from pipeline.errors import InvalidInput, missing_name
 from pipeline.formats.grasp_file import PHASES, FileGrasp, Stated, grasp_files, read_grasp_file
 from pipeline.kernels.arrays import Array
-from pipeline.kernels.geometry.transforms import compose
+from pipeline.kernels.geometry.transforms import compose, length
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.physics.hold_test import HoldTest
 from pipeline.physics.simulation import Simulation
@@ -20,10 +20,12 @@ from pipeline.store.rows import Row
 from stages.simulate_grasps.grasp_search import OPENING, RESTING_SPEED
 from stages.simulate_grasps.measured_grasps import Attempt, MeasuredGrasps
 from stages.simulate_grasps.prepare import measured_hand, prepare_object
-from stages.simulate_grasps.read_stage import ReadSettings, grasp_folder
+from stages.simulate_grasps.read_stage import ReadSettings, grasp_folder, model_joints
 
 SAME_SCALE = 1e-4  # share by which the scale of a grasp's object may differ from the object's: 0.01 mm at the end of 100 mm
 BEYOND = 0.1  # rad (m) that a joint may be beyond its limits, or off its coupling: more is another joint, or another hand
+TARGET_BEYOND = 2 * np.pi  # the same before and after the grasp: motors may drive beyond the limits to press
+FARTHEST = 10.0  # m, of the hand from the origin of the object's file
 AWAY = np.array([0.0, 0.0, 10.0])  # m, from the object to an empty grasp
 
 
@@ -89,13 +91,13 @@ class GraspReader:
                 kept.append(self.attempt(grasp.stated))
                 origins.append(grasp.origin)
             except InvalidInput as error:
-                refused.append(f"{grasp.origin}: {error}")
+                refused.append(" ".join(f"{grasp.origin}: {error}".splitlines()))
         if not kept:
             raise InvalidInput(
                 f"none of its {pluralise(len(refused), 'grasp')} can be used; {refused[0] if refused else 'its files are empty'}"
             )
         if more:
-            refused.append(f"{pluralise(more, 'further grasp')}: read-grasps.grasps is {self.settings.grasps}")
+            refused.append(f"{more} further: read-grasps.grasps is {self.settings.grasps}")
         touched = np.mean([attempt.grasp.touched for attempt in kept], axis=0)
         last = kept[-1].grasp
         away = last.hand_pose.copy()
@@ -117,29 +119,19 @@ class GraspReader:
                 f"{stated.scale:g} in the manifest"
             )
         hand, pose = self.hand, compose(compose(self.frame, stated.root), self.root)
+        if (distance := float(length(stated.root[:3, 3]))) > FARTHEST:
+            raise InvalidInput(f"the hand is {distance:.3g} m from the object's origin; are its positions in metres?")
         angles = {phase: self._joint_vector(stated, phase) for phase in PHASES if phase in stated.angles}
-        grasp = angles["grasp"]
-        beyond = np.maximum(hand.lower - grasp, grasp - hand.upper)
-        if beyond.max() > BEYOND:
-            joint = int(beyond.argmax())
-            raise InvalidInput(
-                f"joint {hand.joint_names[joint]} is {grasp[joint]:.3g}, its limits are {hand.lower[joint]:.3g} to "
-                f"{hand.upper[joint]:.3g}; do read-grasps.joints and the hand fit the file?"
-            )
-        start, squeeze = angles.get("pregrasp"), angles.get("squeeze")
+        start, grasp, squeeze = angles.get("pregrasp"), angles["grasp"], angles.get("squeeze")
         if self.physics is not None:
             opened, pressed = pregrasp_angles(hand, grasp, [OPENING, -self.settings.squeeze])
-            start = opened if start is None else start
-            grasp, rests = self.physics.settle(
-                pose,
-                start,
-                pressed if squeeze is None else squeeze,
-                max_steps=self.settings.settle_steps,
-                resting_speed=RESTING_SPEED,
-            )
-            squeeze = None
+            start, steps = opened if start is None else start, self.settings.settle_steps
+            grasp, rests = self.physics.settle(pose, start, pressed, max_steps=steps, resting_speed=RESTING_SPEED)
             if not rests:
-                raise InvalidInput(f"fingers still move after {self.settings.settle_steps} steps (read-grasps.settle_steps)")
+                raise InvalidInput(
+                    f"fingers still move after {steps} steps (read-grasps.settle_steps): does `vt-pipeline check` of the hand file name "
+                    "links that overlap?"
+                )
         attempt = self.measured.measure(pose, grasp if start is None else start, grasp, squeeze)
         if attempt.fault:
             raise InvalidInput(f"{attempt.fault}: {1e3 * attempt.penetration:.1f} mm; is read-grasps.root right for this hand?")
@@ -148,20 +140,33 @@ class GraspReader:
     def _joint_vector(self, stated: Stated, phase: str) -> Array:  # (J,) rad (m)
         """Put a file's values into the order of the hand's joints, by name."""
         hand, joints = self.hand, self.settings.joints
-        names = [joints.get(name, name) for name in stated.joints] if isinstance(joints, dict) else [*(stated.joints or joints)]
-        values = stated.angles[phase]
+        listed = joints if isinstance(joints, tuple) and joints else model_joints(hand)
+        names, values = stated.joints or listed, stated.angles[phase]
         if len(names) != len(values):
-            asked = "read-grasps.joints names" if names else "does not name its joints: list them in read-grasps.joints, in its order;"
-            raise InvalidInput(f"it has values of {pluralise(len(values), 'joint')}, {asked} {len(names)}")
+            raise InvalidInput(
+                f"it has {len(values)} values of joints and names none of them, {pluralise(len(names), 'joint')} of hand {hand.name} are "
+                "expected; list the names in read-grasps.joints, in the order of the file"
+            )
+        if isinstance(joints, dict):
+            names = [joints.get(name, name) for name in names]
         by_name = dict(zip(names, values.tolist(), strict=True))
         coupled = {hand.joints[follower.link - 1].name: follower for follower in hand.followers}
         known = {**dict.fromkeys(hand.joint_names), **coupled, **hand.frozen}
         for name in by_name:
             if name not in known:
-                raise InvalidInput(f"{missing_name('joint', name, known)}; rename it by read-grasps.joints, or take a hand that has it")
+                raise InvalidInput(
+                    f"{missing_name('joint', name[:100], known)}; rename it by read-grasps.joints, or take a hand that has it"
+                )
         if lacking := [name for name in hand.joint_names if name not in by_name]:
             raise InvalidInput(f"it has no value for {abbreviate(lacking)} of hand {hand.name}; it is for another hand")
         vector = np.array([by_name[name] for name in hand.joint_names])
+        beyond = np.maximum(hand.lower - vector, vector - hand.upper)
+        if beyond.max() > (BEYOND if phase == "grasp" else TARGET_BEYOND):
+            joint = int(beyond.argmax())
+            raise InvalidInput(
+                f"joint {hand.joint_names[joint]} is {vector[joint]:.3g} in the {phase}, its limits are {hand.lower[joint]:.3g} to "
+                f"{hand.upper[joint]:.3g}; do read-grasps.joints and the hand fit the file?"
+            )
         rigid = {**hand.frozen, **{name: float(follower.of(vector)) for name, follower in coupled.items()}}
         for name, value in rigid.items():
             if phase == "grasp" and abs(by_name.get(name, value) - value) > BEYOND:

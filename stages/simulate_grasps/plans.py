@@ -129,12 +129,12 @@ class HoldPlanner(TouchPlanner):
         """Select the draws (K,) at which palm and both fingers have room, and both gels are at the object."""
         hand, ik, field, sensors = self.prepared_hand.hand, self.prepared_hand.ik, self.prepared_object.field, self.postures.sensors[rows]
         frames = compose(poses[:, None], forward_kinematics(hand, np.eye(4), self.postures.joint_angles[rows]))
-        has_room = gaps(field.grid, frames, self.prepared_hand.palm_spheres.single, np.float32(CLEARANCE)) >= CLEARANCE
-        clear = finger_clearance(field, ik.fingers, frames, floor=FINGER_ROOM) >= FINGER_ROOM
-        clear = np.column_stack([clear, np.ones(len(rows), bool)])  # the palm is the last
         at_object = np.abs(gel_contact(field, gel_probes(hand, ik.gels, frames))[0]) <= GEL_DISTANCE
-        fits = np.take_along_axis(clear, hand.sensor_fingers[sensors], axis=1) & np.take_along_axis(at_object, sensors, axis=1)
-        return np.flatnonzero(has_room & fits.all(axis=1))
+        draws = np.flatnonzero(np.take_along_axis(at_object, sensors, axis=1).all(axis=1))
+        draws = draws[gaps(field.grid, frames[draws], self.prepared_hand.palm_spheres.single, np.float32(CLEARANCE)) >= CLEARANCE]
+        clear = finger_clearance(field, ik.fingers, frames[draws], floor=FINGER_ROOM) >= FINGER_ROOM
+        clear = np.column_stack([clear, np.ones(len(draws), bool)])  # the palm is the last
+        return draws[np.take_along_axis(clear, hand.sensor_fingers[sensors[draws]], axis=1).all(axis=1)]
 
     def _lightest(self, choices: GraspChoices, best: Support) -> tuple[int, Support]:
         """Select the choice that carries the object best: its number and support; -1 and `best` if none surpasses `best`."""

@@ -1,11 +1,14 @@
 """The hand as grasping needs it, prepared once per session, and the object, prepared once per object."""
 
 from dataclasses import dataclass
+from importlib.util import cache_from_source
+from pathlib import Path
 
 import numpy as np
 
-from pipeline.formats.hand_file import load_hand
-from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
+from pipeline.formats.file_cache import FileCache
+from pipeline.formats.hand_file import CODE, load_hand
+from pipeline.formats.sensor_file import load_worn_sensors, sensor_files, sensor_names
 from pipeline.kernels.arrays import Array, Floats
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.collision_shapes import CollisionSpheres, collision_boxes, collision_spheres
@@ -22,6 +25,7 @@ MEASURE_SPACING = 0.003  # m, of the spheres that measure penetration: accurate 
 FINGER_GAP = 0.001  # m kept between fingers, and between fingers and palm; half of their gap at rest where that is less
 CLEARANCE = 0.001  # m that rigid links keep from the object: 2 mm costs 4 % of the touches, under 1 mm contact begins to push
 GRID_CELL = 0.005  # m of the distance grid: 2.5 mm changes no grasp and takes half as long again, with 10 mm one link was 0.2 mm deep
+KEPT = Path(cache_from_source(__file__)).with_name("prepared_hands.pickle")
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,13 +73,23 @@ def measured_hand(settings: HandSettings) -> MeasuredHand:
 
 
 def prepare_hand(settings: GraspSettings) -> PreparedHand:
-    """Load the hand and sensors of these settings and sample the hand's postures."""
-    measured = measured_hand(settings)
-    hand, sensors = measured.hand, measured.sensors
+    """Load the hand and sensors of these settings and sample the hand's postures, or find them as an earlier run left them."""
+    hand = load_hand(settings.hand)
+    names = sensor_names(hand, settings.sensor)
+    kept, name = FileCache(KEPT, [*CODE, Path(__file__)], limit=3), f"{hand.path} {names} {settings.ik_samples}"
+    prepared: PreparedHand | None = kept.find(name)
+    if prepared is None:
+        prepared = _prepare(hand, load_worn_sensors(names), settings.ik_samples)
+        kept.keep(name, prepared, [*hand.files, *sensor_files(names)])
+        kept.save()
+    return prepared
+
+
+def _prepare(hand: Hand, sensors: tuple[Sensor, ...], samples: int) -> PreparedHand:
     spheres = collision_spheres(hand, spacing=SEARCH_SPACING, tolerance=SEARCH_TOLERANCE)
-    ik = prepare_grasp_ik(hand, spheres, sensors, samples=settings.ik_samples, clearance=CLEARANCE, finger_gap=finger_gap(hand))
+    ik = prepare_grasp_ik(hand, spheres, sensors, samples=samples, clearance=CLEARANCE, finger_gap=finger_gap(hand))
     palm_spheres = spheres.of_links(np.flatnonzero(hand.link_fingers < 0))
-    return PreparedHand(hand, sensors, measured.spheres, palm_spheres, ik)
+    return PreparedHand(hand, sensors, collision_spheres(hand, spacing=MEASURE_SPACING), palm_spheres, ik)
 
 
 def finger_gap(hand: Hand) -> float:

@@ -1,7 +1,9 @@
 """`read-grasps`: grasps made elsewhere, in place of those that `simulate-grasps` searches."""
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
+from itertools import islice
 from pathlib import Path
 from typing import ClassVar, Literal
 
@@ -14,7 +16,9 @@ from pipeline.console import abbreviate, pluralise
 from pipeline.engine.stage import Cost, Inputs, Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import expanded
-from pipeline.formats.grasp_file import grasp_files
+from pipeline.formats.grasp_file import Stated, grasp_files, read_grasp_file
+from pipeline.formats.hand_file import load_hand
+from pipeline.kernels.hand.model import Hand
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
 from stages.simulate_grasps.stage import GraspStage, HandSettings
@@ -39,8 +43,8 @@ class ReadSettings(HandSettings):
     )
     joints: tuple[str, ...] | dict[str, str] = setting(
         (),
-        "names, in the hand's URDF, of the joints whose values files list without names, in their order; or {name in files: name in the "
-        "URDF} where files name joints otherwise",
+        "names of the joints whose values files list without names, in their order, by default that of the hand's model; or {name in "
+        "files: name in the model} where files name joints otherwise",
         changes="definition",
     )
     root: tuple[float, float, float, float, float, float, float] = setting(
@@ -51,7 +55,7 @@ class ReadSettings(HandSettings):
     )
     close: bool = setting(
         False,
-        "close the fingers from the pre-grasp towards the squeeze until contact rests, instead of taking the joint angles as they are",
+        "close the fingers from the pre-grasp to `squeeze` beyond the grasp until contact rests, instead of taking the angles as they are",
         changes="definition",
     )
     penetration_limit: float = setting(
@@ -101,16 +105,24 @@ class ReadGrasps(GraspStage):
             for values in (shard.read("grasp_files"), shard.read("refused_grasps"))
         )
         counts = [len(lines) for lines in read.values()]
-        yield f"{pluralise(sum(counts), 'grasp')} of {pluralise(len(read))} read, {sum(map(len, refused.values()))} refused"
+        further = sum(int(lines.pop().split()[0]) for lines in refused.values() if re.match("[0-9]+ further: ", lines[-1]))
+        refused = {name: lines for name, lines in refused.items() if lines}
+        total = f"{pluralise(sum(counts), 'grasp')} of {pluralise(len(read))} read, {sum(map(len, refused.values()))} refused"
+        yield total + (f", {further} further not read: read-grasps.grasps is {settings.grasps}" if further else "")
         if refused:
-            reasons = next(iter(refused.values()))
-            yield f"warning: grasps of {pluralise(len(refused))} refused ({abbreviate([*refused])}; all in `refused_grasps`), {reasons[0]}"
+            reason = next(iter(refused.values()))[0]
+            yield f"warning: grasps of {pluralise(len(refused))} refused ({abbreviate([*refused])}; all in `refused_grasps`), {reason}"
         if counts and max(counts) < settings.grasps:
             yield f"no object has more than {pluralise(max(counts), 'grasp')}: read-grasps.grasps={max(counts)} saves the empty ones"
 
     def describe_misfits(self, settings: ReadSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
-        """Name what is estimated of the hand."""
-        return self.hand_notes(settings)
+        """Name what is estimated of the hand, and the order of the joints in files that do not name them."""
+        yield from self.hand_notes(settings)
+        for name, _ in () if settings.joints else islice(objects, 1):
+            files = grasp_files(grasp_folder(settings), name)[:1]
+            stated = [grasp.stated for file in files for grasp in read_grasp_file(file, grasp_folder(settings))]
+            if any(isinstance(entry, Stated) and not entry.joints for entry in stated):
+                yield f"files do not name joints: read as {', '.join(model_joints(load_hand(settings.hand)))} (read-grasps.joints)"
 
     def cost(self, settings: ReadSettings) -> Cost:
         """Estimate reading and measuring, a test per grasp, and closing."""
@@ -122,6 +134,11 @@ class ReadGrasps(GraspStage):
         from stages.simulate_grasps.grasp_reading import reading
 
         return reading(settings)
+
+
+def model_joints(hand: Hand) -> list[str]:
+    """Name the joints that move in a hand's model, in its order, as MuJoCo has them in `qpos`."""
+    return [joint.name for joint in hand.joints if joint.kind != "fixed" or joint.name in hand.frozen]
 
 
 def grasp_folder(settings: ReadSettings) -> Path:

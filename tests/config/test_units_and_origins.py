@@ -51,7 +51,7 @@ def test_placement_maps_file_vertices_to_the_world_and_back(folder: Path, tmp_pa
 
 def test_objects_without_units_are_scaled_and_reported(folder: Path, tmp_path: Path) -> None:
     output = run(folder, tmp_path / "d")
-    assert "1 object without a unit, scaled to a diagonal of 0.5 m; --units mm (make: UNITS=mm)" in output
+    assert "1 object without a unit, scaled to a diagonal of 0.5 m where it can be read; --units mm (make: UNITS=mm)" in output
 
 
 def test_file_with_a_unit_among_files_without_is_warned_of(folder: Path, tmp_path: Path) -> None:

@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 import trimesh
+from torch.utils.data import DataLoader
 
 from pipeline.config.settings import Settings
 from pipeline.dataset.grasp_dataset import GraspDataset
@@ -85,7 +87,7 @@ def test_one_camera_is_read_without_the_others(tmp_path):
     rows = ObjectRows(tmp_path, ["unoccluded", "occluded", "segmentation"], None)
     name, shard = rows.object_ids[0], DataDirectory(tmp_path).collection(VISION).first
     for array, axis in (("unoccluded", 1), ("occluded", 2), ("segmentation", 2)):
-        assert shard.array(array).chunks[axis] == 1, "each camera is a chunk"
+        assert shard.stored(array).chunks[axis] == 1, "each camera is a chunk"
         assert (rows.read(array, name) == row[array]).all()
         assert (rows.read(array, name, camera=1) == np.take(row[array], 1, axis - 1)).all()
     assert (rows.read("occluded", name, 1, camera=2) == row["occluded"][1, 2]).all()
@@ -95,6 +97,21 @@ def test_one_camera_is_read_without_the_others(tmp_path):
         rows.read("occluded", name, 2)
     with pytest.raises(StoreError, match="array depth was not opened, only unoccluded, occluded, segmentation; name it when"):
         rows.read("depth", name)
+
+
+def test_meshes_come_with_each_grasp_and_batches_list_them(data):
+    arrays = ["depth", "meshes/vertices", "meshes/faces"]
+    grasps = GraspDataset(data, arrays, "test")
+    (batch,) = DataLoader(grasps, batch_size=len(grasps), collate_fn=grasps.collate)
+    assert batch["depth"].shape[:2] == (15, 4)
+    radii = [float((vertices - torch.tensor(ball_dataset.CENTRE)).norm(dim=1).mean()) for vertices in batch["meshes/vertices"]]
+    np.testing.assert_allclose(radii, np.repeat([0.1, 0.12, 0.14], 5))
+    assert all(faces.max() == len(vertices) - 1 for vertices, faces in zip(batch["meshes/vertices"], batch["meshes/faces"], strict=True))
+
+
+def test_mesh_array_that_an_object_lacks_is_named(data):
+    with pytest.raises(StoreError, match="a has no array meshes/texture_0; there are meshes/base_color"):
+        GraspDataset(data, ["meshes/texture_0"], "test")[0]
 
 
 def test_arrays_of_other_numbers_than_grasps_come_whole(data, tmp_path):

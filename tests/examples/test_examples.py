@@ -9,6 +9,7 @@ import pytest
 import trimesh
 from PIL import Image
 
+from pipeline.config.folder_sources import Catalogue
 from pipeline.store.directory import DataDirectory
 from stages.evaluate.evaluation_files import read_figures
 from tests.command_line import vt
@@ -36,9 +37,10 @@ def run(monkeypatch, capsys):
     return run_example
 
 
-@pytest.mark.parametrize(
-    "name", ["read_with_torch", "read_with_xarray", "touch_in_mujoco", "touch_in_pybullet", "touch_one_mesh", "train_one_network"]
-)
+NAMES = "read_with_torch", "read_with_xarray", "slide", "touch_in_mujoco", "touch_in_pybullet", "touch_one_mesh", "train_one_network"
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_help_names_the_arguments(name, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", [name, "--help"])
     with pytest.raises(SystemExit, match="0"):
@@ -84,6 +86,14 @@ def test_touch_in_mujoco_lifts_an_egg_and_measures_what_its_motors_press_with(ru
     assert forces == pytest.approx([3.0, 3.0], rel=0.1)
 
 
+def test_slide_prints_forces_and_writes_an_animation(run, tmp_path):
+    printed = run("slide", tmp_path / "slide.webp", 8)
+    assert "not settled" not in printed
+    assert printed.endswith("slide.webp: 8 images\n")
+    with Image.open(tmp_path / "slide.webp") as animation:
+        assert (animation.size, animation.n_frames) == ((320, 240), 8)
+
+
 def test_method_of_twenty_lines_is_scored(run, data, tmp_path):
     with pytest.raises(SystemExit, match=r"Usage: python examples/score_a_method\.py DATA FOLDER"):
         run("score_a_method")
@@ -125,3 +135,17 @@ def test_every_example_is_short_and_tested():
     for path in EXAMPLES.glob("*.py"):
         assert len(path.read_text().splitlines()) < 50, path
         assert f'run("{path.stem}"' in tests
+
+
+def test_catalogue_of_grasps_lists_objects_by_size(run, tmp_path):
+    grasps, objects = tmp_path / "graspdata", tmp_path / "objects"
+    objects.mkdir()
+    for scene, scale in (("scale006_pose000", 0.06), ("scale012_pose000", 0.12)):
+        (grasps / "mug" / scene).mkdir(parents=True)
+        content = {"obj_scale": scale, "obj_pose": np.eye(7)[3], "grasp_qpos": np.array([0.0, 0, 0, 1, 0, 0, 0, 0.5])}
+        np.save(grasps / "mug" / scene / "0.npy", np.array(content, object), allow_pickle=True)
+    assert run("catalogue_of_grasps", grasps, objects) == "2 objects\n"
+    source = {"kind": "catalogue", "licence": "x", "path": str(objects)}
+    first, second = Catalogue.model_validate(source).list_objects(None)
+    assert (first.object_id, first.source["metres_per_unit"]) == ("mug-scale006_pose000", 0.06)
+    assert (second.object_id, second.source["metres_per_unit"]) == ("mug-scale012_pose000", 0.12)

@@ -105,6 +105,7 @@ def test_dictionary_with_rows_is_several_grasps(tmp_path: Path) -> None:
         (bench(grasp_qpos=np.zeros(12)), "have \\[9, 12\\] numbers"),
         (bench(grasp_qpos=[0.0] * 9), "it has no array grasp_qpos"),
         (bench(obj_pose=np.zeros(3)), "obj_pose has shape \\(3,\\)"),
+        (bench(joint_names=np.array(["a"])), "joint_names has 1 names, the joints in grasp_qpos are 2"),
         (bench(obj_scale=0.0), "obj_scale is 0; it must be metres per unit"),
         ({name: value for name, value in bench().items() if "obj" not in name} | {"scene_path": "a.npy"}, "task=format"),
         ([net(qpos={})], "it has no number WRJTx"),

@@ -1,8 +1,10 @@
 """Hand files and their URDFs are found by name or path; unusable entries are named; shipped hands besides the right Allegro."""
 
+import os
 import re
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from pipeline.errors import InvalidInput
+from pipeline.formats import hand_file
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
@@ -213,3 +216,27 @@ def test_follower_stays_with_its_leader_in_physics(blocked: bool) -> None:
         assert 0.04 < angles[0] < 0.052
     else:
         assert angles[0] == pytest.approx(0.01, abs=1e-3)
+
+
+def test_hand_is_kept_between_runs_until_a_file_changes_or_another_appears(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hand with a mesh that names a missing file is not kept."""
+    file, mesh = tmp_path / "hand" / "hand.yaml", tmp_path / "hand" / "meshes" / "palm.stl"
+    mesh.parent.mkdir(parents=True)
+    for path in (file, mesh):
+        path.write_text("old")
+    os.utime(mesh.parent, (0, 0))
+    links = []
+    hand, loaded = SimpleNamespace(files=[file, mesh], links=links), []
+    monkeypatch.setattr(hand_file, "_read", lambda path: loaded.append(path) or hand)
+    monkeypatch.setattr(hand_file, "KEPT", tmp_path / "kept" / "hands.pickle")
+
+    def lacks_material() -> None:
+        mesh.touch()
+        links.append(SimpleNamespace(visuals=[SimpleNamespace(mesh=SimpleNamespace(unread=["palm.mtl"]))], collisions=[]))
+
+    changes = (lambda: None, lambda: None, lambda: mesh.write_text("another"), mesh.with_suffix(".mtl").touch, lacks_material, lambda: None)
+    for change, times in zip(changes, (1, 1, 2, 3, 4, 5), strict=True):
+        change()
+        monkeypatch.setattr(hand_file, "_cached", {})  # as in another process
+        assert load_hand(file) == hand
+        assert len(loaded) == times

@@ -4,7 +4,7 @@ import subprocess
 import sys
 from importlib import import_module
 
-from stages.registry import GRASP_STAGES, STAGES, TRADED
+from stages.registry import BUILT_IN, GRASP_STAGES, STAGES, TRADED, load_stage
 
 
 def test_stages_with_a_trade_are_listed() -> None:
@@ -18,3 +18,11 @@ def test_loading_stages_imports_none_of_the_libraries_that_compute() -> None:
     dataset, every = printed.splitlines()
     assert not [name for name in ("numba", "trimesh", "torch", "pybullet", "scipy.spatial") if f"'{name}'" in dataset]
     assert "'torch'" not in every
+
+
+def test_stages_come_after_all_that_write_what_they_read() -> None:
+    settings = {name: load_stage(name).settings_type() for name in BUILT_IN}
+    written = {name: load_stage(name).writes(settings[name]) for name in BUILT_IN}
+    for position, name in enumerate(BUILT_IN):
+        later = {written[other] for other in list(BUILT_IN)[position:]}
+        assert not later & set(load_stage(name).reads(settings[name])), name

@@ -87,7 +87,7 @@ def test_dataset_with_a_socket_device_or_link_in_place_of_a_file_is_invalid(data
 
 def test_chunk_replaced_by_a_socket_or_device_while_open_gives_an_error(data):
     shard = DataDirectory(data).collection(SURFACES).first
-    shard.array("points")
+    shard.stored("points")
     path = shard.path / "points" / "c" / "0" / "0" / "0"
     for put in IRREGULAR:
         path.unlink()

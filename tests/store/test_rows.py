@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import zarr
 from numcodecs import blosc
-from pydantic_zarr.v3 import GroupSpec, from_flat_group
+from pydantic_zarr.v3 import ArraySpec, GroupSpec, from_flat_group
 from zarr.storage import LocalStore
 
 from pipeline.errors import StoreError
-from pipeline.store.layout import LEVEL, OBJECTS_PER_FILE, array_spec, decode_array, encode_array, schema_name, without_checksum
+from pipeline.store.layout import LEVEL, OBJECTS_PER_FILE, array_metadata, decode_array, encode_array, schema_name, without_checksum
 from pipeline.store.publish import write_group
 from pipeline.store.record import Failure, RowRecord
 from pipeline.store.rows import Result, Row, RowFiles, conform
@@ -78,7 +78,7 @@ def write_with_zarr(path: Path, rows: list[Row]) -> Any:
     ragged = {f"meshes/object-{n}/{name[7:]}": value for n, arrays in enumerate(rows) for name, value in arrays.items() if "/" in name}
     with zarr.config.set({"array.write_empty_chunks": True}):
         shapes |= {name: value.shape for name, value in ragged.items()}
-        specs = {f"/{name}": array_spec(ARTIFACT.of(schema_name(name)), shape) for name, shape in shapes.items()}
+        specs = {f"/{name}": ArraySpec(**array_metadata(ARTIFACT.of(schema_name(name)), shape)) for name, shape in shapes.items()}
         group: Any = from_flat_group({"": GroupSpec(attributes={"a": 1}, members=None), **specs}).to_zarr(LocalStore(path), path="")
         for name, value in {**ragged, **CONSTANTS}.items():
             group[name][...] = value

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import zarr
 
-from pipeline.store.layout import OBJECTS_PER_FILE, schema_name
+from pipeline.store.layout import OBJECTS_PER_FILE, array_metadata, schema_name
 from pipeline.store.stored_array import StoredArray
-from pipeline.store.zarr_files import zarr_store
+from pipeline.store.zarr_files import open_array, zarr_store
 from tests.store.test_rows import ARTIFACT, CONSTANTS, write_rows
 
 
@@ -58,3 +58,21 @@ def test_array_in_another_layout_is_left_to_zarr(tmp_path: Path) -> None:
     metadata = json.loads((tmp_path / "a.zarr" / "image" / "zarr.json").read_text())
     metadata["codecs"][0]["configuration"]["codecs"][1]["configuration"]["clevel"] = 3
     assert not StoredArray.open(tmp_path, json.dumps(metadata).encode()).has_layout_of(ARTIFACT.of("image"))
+
+
+def test_zarr_opens_an_array_by_metadata_that_were_read_without_reading_them_again(tmp_path: Path) -> None:
+    rows = write_rows(tmp_path / "a.zarr", 2)
+    metadata = opened(tmp_path / "a.zarr", "image").metadata
+    for file in (tmp_path / "a.zarr" / "zarr.json", tmp_path / "a.zarr" / "image" / "zarr.json"):
+        file.unlink()
+    np.testing.assert_array_equal(open_array(tmp_path / "a.zarr", "image", metadata)[1], rows[1]["image"])
+
+
+def test_rows_of_an_array_larger_than_its_file_are_refused_before_its_chunks_are_listed(tmp_path: Path) -> None:
+    write_rows(tmp_path / "a.zarr", 1)
+    array, side = ARTIFACT.of("views"), 10**9
+    metadata = json.loads((tmp_path / "a.zarr" / "views" / "zarr.json").read_text()) | array_metadata(array, (1, side, side, side, 3))
+    stored = StoredArray.open(tmp_path / "a.zarr" / "views", json.dumps(metadata).encode())
+    assert stored.has_layout_of(array)
+    with pytest.raises((OSError, OverflowError)):
+        stored.read(array, 0)

@@ -59,7 +59,8 @@ def draw_stages(data: Location, folder: Path, object_id: str | None = None) -> N
     with open_subject(data, object_id) as subject:
         for stage, (draw, need) in PICTURES.items():
             if _is_made(subject, need):
-                draw(subject, folder / f"{stage}.webp")
+                maker = directory.collection(ARTIFACTS[need]).first.record.stage if need in ARTIFACTS else stage
+                draw(subject, folder / f"{maker}.webp")
 
 
 def _is_made(subject: Subject, need: str) -> bool:

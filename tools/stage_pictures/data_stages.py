@@ -76,6 +76,8 @@ def draw_grasps(subject: Subject, path: Path) -> None:
     """Draw the steps of the grasp."""
     steps = procedure_steps(subject.source, subject.renderer, subject.object_id, subject.grasp)
     titles = ("1. the palm is placed", "2. posture found, drawn back", "3. closed in physics", "4. what touches")
+    if path.stem == "read-grasps":
+        titles = ("hand of the file, open", "pre-grasp of the file", "grasp of the file", "what touches")
     draw_row([(title, image) for title, (_, image) in zip(titles, steps, strict=True)], path)
 
 

@@ -19,12 +19,10 @@ from pipeline.kernels.touch.photograph_faults import photograph_faults, stop_at
 
 CIRCLES = "circles.csv"
 """File of known contacts: name, x, y, radius in pixels, from the centre of pixel (0, 0). Other contacts are detected."""
-MAX_BYTES = 10 * 2**20
-"""Largest size of `CIRCLES`."""
+MAX_BYTES = 10 * 2**20  # largest size of `CIRCLES`
 ROUND = 0.04
 """Largest deviation of width over height from 1 on square pixels: 0.032 in public photographs, 0.041 ± 0.012 in simulated ones."""
-MIN_PHOTOGRAPHS = 4
-"""Half of them are fitted, the others tested."""
+MIN_PHOTOGRAPHS = 4  # half of them are fitted, the others tested
 
 
 def read_photographs(

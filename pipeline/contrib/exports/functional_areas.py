@@ -8,12 +8,14 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 
-DIGITS = (("thumb",), ("index",), ("middle",), ("ring",), ("little", "pinky"))
+DIGITS = (("thumb",), ("index",), ("middle",), ("ring",), ("little", "pink"))
 """Names of fingers; fingers with other names, as of grippers, are counted from the thumb."""
 PALM = 5
 SLOTS = 32
 GRIPPER = 28
 """Slot of a hand with a single joint."""
+THUMB = (1, 0, 26, 3, 4)
+"""Slots of a thumb of five joints, the Shadow Hand's."""
 PARALLEL = np.cos(np.pi / 4)
 """Cosine from which on two directions count as parallel."""
 
@@ -49,11 +51,11 @@ def joint_slots(hand: Hand) -> list[int]:  # (J,)
     slots: dict[int, int] = {}
     for finger in hand.fingers:
         first, bends = 5 * digits[finger.name], 0
-        for entry in finger.joints:
+        for number, entry in enumerate(finger.joints):
             link = hand.joint_links[entry]
             axis, ahead = poses[link, :3, :3] @ hand.joints[link - 1].axis, poses[finger.links[-1], :3, 3] - poses[link, :3, 3]
-            if first == 0 and entry == finger.joints[0]:
-                wanted = 1
+            if first == 0 and (number == 0 or len(finger.joints) == len(THUMB)):
+                wanted = THUMB[number]
             elif abs(axis @ ahead) > PARALLEL * np.linalg.norm(ahead):
                 wanted = first
             elif first and abs(axis @ hand.palm_facing) > PARALLEL:

@@ -89,7 +89,7 @@ class GraspedObjects(CompletedObjects):
     @property
     def summary(self) -> str:
         """The number of grasps."""
-        return pluralise(len(self.object_ids) * self.collections["grasps"].first.array("hand_pose").shape[1], "grasp")
+        return pluralise(len(self.object_ids) * self.collections["grasps"].first.stored("hand_pose").shape[1], "grasp")
 
     def sensors(self) -> tuple[Sensor, ...]:
         """Read the sensors that the hand wore."""
@@ -99,9 +99,11 @@ class GraspedObjects(CompletedObjects):
         for name in with_progress(self.object_ids, "export"):
             rows = self.rows(name)
             surface, row = rows["surfaces"], rows["grasps"]
+            grasps = read_grasps(row)
             touch = self.touch.view(name) if self.touch.shards and not self.touch.failure(name) else {}
-            measured = {array: view[array] for view in (row, touch) for array in ("held", "force", "pressure") if array in set(view)}
-            yield GraspedObject(name, read_mesh(surface), read_grasps(row), surface["placement"], measured)
+            stored = {array: view for view in (row, touch) for array in view if array in ("held", "force", "pressure")}
+            measured = {array: view[array][: len(grasps)] for array, view in stored.items()}
+            yield GraspedObject(name, read_mesh(surface), grasps, surface["placement"], measured)
 
 
 def export_grasps(data: Location, folder: Path, objects: Sequence[str] = ()) -> str:

@@ -96,3 +96,8 @@ class GraspFrames:
 
     def _by_finger(self, name: str, values: Iterable[Any]) -> dict[str, Any]:
         return {f"{name}.{finger}": value for finger, value in zip(self.labels["sensor"], values, strict=True)}
+
+
+def instruction(category: str) -> str:
+    """Write the task of grasping an object of a category."""
+    return f"grasp {'an' if category[:1].lower() in 'aeiou' else 'a'} {category}"

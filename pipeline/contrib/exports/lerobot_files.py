@@ -15,7 +15,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from pipeline.contrib.exports.grasp_frames import BY_FINGER, Column, GraspFrames
+from pipeline.contrib.exports.grasp_frames import BY_FINGER, Column, GraspFrames, instruction
 from pipeline.contrib.exports.parquet_files import import_arrow, schema_of, table_of
 from pipeline.store.storage import Location
 
@@ -40,13 +40,13 @@ def export_lerobot(data: Location, folder: Path) -> str:
     import pandas
 
     columns = {_name(name): column for name, column in frames.columns.items()} | {"timestamp": Column("float32")} | INDEX
-    schema, tasks = schema_of(columns), sorted({_task(category) for category in frames.rows.categories})
+    schema, tasks = schema_of(columns), sorted({instruction(category) for category in frames.rows.categories})
     episodes: list[dict[str, Any]] = []
     index, number, size = 0, -1, FILE_BYTES  # of the next frame; of the current data file, and its bytes
     with tempfile.TemporaryFile(dir=folder) as spooled, ExitStack() as opened:
         statistics = _Statistics(columns, spooled)
         for _, object_frames in frames.objects():
-            task = tasks.index(_task(object_frames[0]["category"]))
+            task = tasks.index(instruction(object_frames[0]["category"]))
             rows = []
             for grasp, frame in enumerate(object_frames):
                 numbers = {"frame_index": grasp, "episode_index": len(episodes), "index": index + grasp, "task_index": task}
@@ -105,10 +105,6 @@ def _feature(column: Column) -> dict[str, Any]:
     names = ["height", "width", "channels"] if column.kind == "image" else (list(column.names) or None)
     described = {"unit": column.unit, "description": column.meaning} if column.meaning else {}
     return {"dtype": column.kind, "shape": list(column.shape or (1,)), "names": names, **described}
-
-
-def _task(category: str) -> str:
-    return f"grasp {'an' if category[:1].lower() in 'aeiou' else 'a'} {category}"
 
 
 class _Statistics:

@@ -15,8 +15,8 @@ from pipeline.contrib.exports.grasp_frames import Column, GraspFrames
 from pipeline.formats.image_file import encode_image
 from pipeline.store.storage import Location
 
-SAMPLES = 1000
-"""Per shard: about a hundred MB, as WebDataset advises."""
+SHARD_BYTES = 100 * 10**6
+"""Size of a shard after which the next one begins, as WebDataset advises."""
 
 
 def export_webdataset(data: Location, folder: Path) -> str:
@@ -27,13 +27,14 @@ def export_webdataset(data: Location, folder: Path) -> str:
     frames = GraspFrames(data)
     described = {name: asdict(column) for name, column in frames.columns.items()}
     (folder / "columns.json").write_text(json.dumps(described, indent=1), encoding="utf-8")
-    samples: Counter[str] = Counter()
+    samples, shards, shard = Counter[str](), Counter[str](), None
     with ExitStack() as opened:
         for split, rows in frames.objects():
             for frame in rows:
-                if samples[split] % SAMPLES == 0:
+                if shard is None or not samples[split] or shard.offset >= SHARD_BYTES:
                     opened.close()  # the shard before
-                    shard = opened.enter_context(tarfile.open(folder / f"{split}-{samples[split] // SAMPLES:06d}.tar", "w"))
+                    shard = opened.enter_context(tarfile.open(folder / f"{split}-{shards[split]:06d}.tar", "w"))
+                    shards[split] += 1
                 _add_sample(shard, f"{samples[split]:08d}", frame, frames.columns)
                 samples[split] += 1
     return frames.summary

@@ -33,21 +33,14 @@ from pipeline.models.touch_model import load_touch_model
 from stages.evaluate.evaluation_files import SHIPPED_ROWS
 from stages.render_vision.renderer import Renderer
 
-PIXELS = 384
-"""A rendered picture's side."""
-CANDIDATES = 40
-"""Objects, spread evenly, among which a figure's object is chosen."""
-POINTS = 1500
-"""Points of a cloud that are drawn at most."""
+PIXELS = 384  # a rendered picture's side
+CANDIDATES = 40  # objects, spread evenly, among which a figure's object is chosen
+POINTS = 1500  # points of a cloud that are drawn at most
 OPENING = 0.03
 """m that the fingers are drawn back in the second step's picture: more than in physics, so that it is visible."""
-RADIUS = 0.15
-"""m, radius of the sphere of charts in its picture."""
-FILL = 0.8
-"""Share of a picture's side that an object takes up beside its reconstructions, which may be larger."""
-GRID: Any = {"fill": (255, 255, 255), "padding_width": 4, "channel_axis": 3}
-"""White between tiles."""
-
+RADIUS = 0.15  # m, radius of the sphere of charts in its picture
+FILL = 0.8  # share of a picture's side that an object takes up beside its reconstructions, which may be larger
+GRID: Any = {"fill": (255, 255, 255), "padding_width": 4, "channel_axis": 3}  # white between tiles
 Image = NDArray[np.uint8]  # (rows, cols, 3)
 
 

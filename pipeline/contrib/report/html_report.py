@@ -44,14 +44,10 @@ from stages.registry import TRADED, resolve
 ASSETS = Path(pipeline.__file__).parent / "assets" / "report"
 COPIED = ("style.css", "viewer.js", "gallery.js", "tables.js", "three.min.js", "three.LICENSE")
 PAGES = {"index.html": "Overview", "gallery.html": "Gallery", "figures.html": "Figures", "results.html": "Results", "about.html": "About"}
-UNITS = "mm²|mm|µm|m²|m|grasps?|kB"
-"""Units that are kept on the line of their number."""
-WHICH_NETWORK = ("configuration", "training_seed")
-"""Settings that say which network is trained, not how."""
-FROM_INPUTS = ("hand", "sensors")
-"""Settings that stages take from the grasps where they are null."""
-CARDS = 8
-"""Objects on the first page."""
+UNITS = "mm²|mm|µm|m²|m|grasps?|kB"  # units that are kept on the line of their number
+WHICH_NETWORK = ("configuration", "training_seed")  # settings that say which network is trained, not how
+FROM_INPUTS = ("hand", "sensors")  # settings that stages take from the grasps where they are null
+CARDS = 8  # objects on the first page
 
 
 def write_report(source: ReportSource, console: Console, max_objects: int = 10) -> Location:
@@ -270,7 +266,6 @@ def used_point(trade: MeasuredTrade, settings: Mapping[str, Any]) -> Point | Non
 
 
 def _failures(failures: Mapping[str, Failure]) -> Table:
-    """Count the failures by stage and reason."""
     rows = []
     for why, count in Counter(failures.values()).most_common():
         rows.append(Row([why.stage, why.reason, str(count), abbreviate([name for name, other in failures.items() if other == why])]))

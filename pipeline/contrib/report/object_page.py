@@ -25,8 +25,7 @@ from pipeline.formats.image_file import encode_image
 from pipeline.store.record import Name, Sha256
 from stages.render_vision.renderer import Renderer
 
-THUMBNAIL = 150
-"""Pixels per side of a picture in the gallery."""
+THUMBNAIL = 150  # pixels per side of a picture in the gallery
 MAX_COLUMNS = 10
 """Most columns of a grasp's pictures; more continue in further rows of equal length. A camera image takes two."""
 PARTS = {
@@ -126,7 +125,6 @@ class ObjectPages:
         number: int,  # of the grasp
         areas: NDArray[np.float64],  # (S,) of the contacts, m²
     ) -> dict[str, Any]:
-        """Collect the pictures and notes of a grasp."""
         images = camera_images(rows["vision"], number) if "vision" in rows else []
         touches = touches_of(rows, number, self.scenes.hand, self.sensors)
         return {

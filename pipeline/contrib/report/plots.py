@@ -10,10 +10,8 @@ from pipeline.drawing.colors import COLORS
 from pipeline.drawing.plots import INK, themed_svg
 from pipeline.kernels.metrics.bootstrap import Interval
 
-DECADES = 3
-"""Decades below a limit that a histogram shows; values beyond them, or a decade above it, count at its ends."""
-HATCHES = ("", "//")
-"""Hatches of bars, so that they differ without colours."""
+DECADES = 3  # decades below a limit that a histogram shows; values beyond them, or a decade above it, count at its ends
+HATCHES = ("", "//")  # hatches of bars, so that they differ without colours
 LINES = ("-", "--", "-.", ":")
 MARKERS = ("o", "s", "D", "^", "v")
 

@@ -43,8 +43,7 @@ COMPARED_WAYS = {
     "unoccluded": "an image of the whole object",
 }
 """Inputs that the sentences compare, in words."""
-DEFAULT_SERIES = "graph network"
-"""Series of the networks that are named after their inputs."""
+DEFAULT_SERIES = "graph network"  # series of the networks that are named after their inputs
 
 
 @dataclass(frozen=True)

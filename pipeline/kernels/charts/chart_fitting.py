@@ -92,7 +92,8 @@ class _Fit:
     def _is_check(self, area: float) -> bool:
         """Check whether the exact loss is due: at the cap, and each `check_every` steps once its estimate comes near the halt."""
         options = self.options
-        if options.always_exact or self.steps >= options.max_iterations:
+        always_exact = options.step_samples >= options.samples and options.cloud_points is None  # each step has all samples and points
+        if always_exact or self.steps >= options.max_iterations:
             return True
         if not self.recent or self.steps % options.check_every:
             return False

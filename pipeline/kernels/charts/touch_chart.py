@@ -1,7 +1,5 @@
 """The undeformed touch chart: a square grid of vertices on the sensor plane (supplement 2.3)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,7 +10,7 @@ SIDE = 9  # vertices along a side: 81 vertices and 128 faces, the supplement's
 MAX_SIDE = 101  # more vertices would be finer than any tactile image resolves
 
 
-def chart_square(side: int = SIDE, aspect: float = 1.0) -> tuple[Tensor, Tensor]:  # (side², 3) float64, (2 (side - 1)², 3) int64
+def chart_square(side: int = SIDE, aspect: float = 1.0) -> "tuple[Tensor, Tensor]":  # (side², 3) float64, (2 (side - 1)², 3) int64
     """Make the vertices, sensor widths, and faces of a planar chart as large as a sensor of some height over width, in its plane.
 
     x goes from -1/2 to 1/2 along a row, y from -aspect/2 to aspect/2 from row to row, as pixels do. Normals are +z. `side` vertices along
@@ -48,8 +46,3 @@ class FitOptions:
     check_every: int = 10  # steps between two checks of the exact loss, once it may be below the halt
     learning_rate: float = 1e-2  # Adam's, sensor widths per step
     side: int = SIDE  # vertices along a side of the chart, odd
-
-    @property
-    def always_exact(self) -> bool:
-        """Whether each step has all samples and points, and is a check."""
-        return self.step_samples >= self.samples and self.cloud_points is None

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipeline.kernels.arrays import Array
+from pipeline.kernels.compiled import compiled
 
 
 def compose(
@@ -55,11 +56,17 @@ def invert_similarity(similarity: Array) -> Array:
     return inverse
 
 
+@compiled
 def solve_3x3(matrix: Array, target: Array) -> Array:
     """Solve `matrix` (3, 3) x = `target` (3,) by Cramer's rule, whose error grows with the matrix's condition."""
-    columns = matrix.T
-    crosses = np.cross(columns[[1, 2, 0]], columns[[2, 0, 1]])
-    return np.asarray((crosses * target).sum(axis=1) / (crosses[0] * columns[0]).sum())
+    crosses = np.empty((3, 3))  # of the two columns after each
+    for k in range(3):
+        a, b = matrix[:, (k + 1) % 3], matrix[:, (k + 2) % 3]
+        for i in range(3):
+            crosses[k, i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3]
+    determinant = crosses[0, 0] * matrix[0, 0] + crosses[0, 1] * matrix[1, 0] + crosses[0, 2] * matrix[2, 0]
+    solution: Array = (crosses[:, 0] * target[0] + crosses[:, 1] * target[1] + crosses[:, 2] * target[2]) / determinant
+    return solution
 
 
 def length(vectors: ArrayLike) -> Array:

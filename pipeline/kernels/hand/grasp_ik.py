@@ -21,7 +21,7 @@ from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, CollisionSpheres, collision_boxes
 from pipeline.kernels.hand.distance_field import DistanceField, finger_clearance, gel_contact, gel_grid, gel_probes
 from pipeline.kernels.hand.grid_loops import MILLIMETRE, measure_best
-from pipeline.kernels.hand.kinematics import forward_kinematics
+from pipeline.kernels.hand.kinematics import combine_frames, forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import (
     choose_postures,
@@ -222,8 +222,8 @@ def _by_finger(hand: Hand, gains: NDArray[Any]) -> NDArray[Any]:
 def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: Array) -> tuple[Array, Array]:
     """Choose the samples to refine (REFINED_POSTURES, J) and those for fingers that cannot touch (UNTOUCHING_POSTURES, J)."""
     rows = _candidates(ik, field, hand_pose)
-    by_link = rows[:, ik.hand.link_fingers]  # a link that no finger moves has the same frame in all
-    frames = compose(hand_pose, ik.postures.frames[by_link, np.arange(len(ik.hand.links))])
+    # a link that no finger moves has the same frame in all
+    frames = combine_frames(hand_pose, ik.postures.frames, np.ascontiguousarray(rows[:, ik.hand.link_fingers]))
     contact = np.where(np.take_along_axis(ik.postures.free, rows, axis=0), _contact_values(ik, field, frames), -np.inf)
     value, is_clear = _measure_best(ik, field, frames, contact, best=REFINED_POSTURES, clear=UNTOUCHING_POSTURES)
     clear_value = np.where(is_clear, value, -np.inf)

@@ -86,6 +86,16 @@ def _follow_joints(frames: Array, tree: _JointTree, values: Array, sin: Array, c
 
 
 @compiled
+def combine_frames(pose: Array, frames: Array, rows: Indices) -> Array:  # (N, L, 4, 4)
+    """Compose a pose (4, 4) with frames (K, L, 4, 4), in combination n with that of row `rows[n, l]` (N, L) for link l."""
+    combined = np.empty((rows.shape[0], rows.shape[1], 4, 4))
+    for n in range(rows.shape[0]):
+        for link in range(rows.shape[1]):
+            _multiply(pose, frames[rows[n, link], link], combined[n, link])
+    return combined
+
+
+@compiled
 def _multiply(left: Array, right: Array, product: Array) -> None:
     """Multiply matrices (4, 4), with the bits of `compose`."""
     for row in range(4):

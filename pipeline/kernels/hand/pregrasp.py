@@ -1,11 +1,13 @@
 """Pre-grasps: a palm tangent to the object (supplement 1.3), and fingers opened along their sensors' normals."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pipeline.kernels.arrays import Array
+from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.transforms import compose, invert_pose, length, sin_cos, solve_3x3
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Hand
@@ -30,8 +32,12 @@ def tangent_palm_pose(
     if not (np.isfinite(point).all() and 0 < longest < np.inf):
         raise ValueError(f"no hand can face the point {point} with normal {normal}: they must be finite, the normal not zero")
     normal = normal / longest
-    palm = frame_along(-hand.palm_facing, 0.0, hand.palm_centre)
-    return compose(frame_along(normal, angle, point + distance * normal / length(normal)), invert_pose(palm))
+    return compose(frame_along(normal, angle, point + distance * normal / length(normal)), _root_in_palm(hand))
+
+
+@lru_cache(maxsize=16)
+def _root_in_palm(hand: Hand) -> Array:
+    return invert_pose(frame_along(-hand.palm_facing, 0.0, hand.palm_centre))
 
 
 def frame_along(
@@ -76,6 +82,7 @@ def pregrasp_angles(
     return np.clip(opened, hand.lower, hand.upper)
 
 
+@compiled
 def _bounded_step(jacobian: Array, target: Array, least: Array, most: Array) -> Array:  # (J,)
     """Find the step between two bounds (J,) that minimises |jacobian (3, J) step - target (3,)|² + damping² |step|².
 
@@ -83,16 +90,28 @@ def _bounded_step(jacobian: Array, target: Array, least: Array, most: Array) -> 
     or freed, one at a time, until each has the step that the remaining force asks of it, or the bound that stops it. It is exact, and
     unlike scipy's solvers needs no LAPACK, whose rounding depends on the processor.
     """
-    held, damping = np.zeros(len(least)), DAMPING  # -1 at the least step, 1 at the most
-    for _ in range(min(3 ** len(least), MAX_PIVOTS)):  # each joint is free, at its least or at its most
-        free, bound = jacobian * (held == 0), np.where(held < 0, least, np.where(held > 0, most, 0.0))
-        rest = target - compose(jacobian, bound[:, None])[:, 0]
-        force = solve_3x3(compose(free, free.T) + damping**2 * np.eye(3), rest)
-        wanted = (jacobian * force[:, None]).sum(axis=0)
-        excess = wanted - np.clip(wanted, least, most)
-        wrong = np.flatnonzero(held != (asked := np.sign(excess) * (np.abs(excess) > ROUNDED)))
-        if not len(wrong):
+    held, wanted, damping = np.zeros(len(least)), np.empty(len(least)), DAMPING  # held: -1 at the least step, 1 at the most
+    rest, matrix = np.empty(3), np.empty((3, 3))
+    for _ in range(int(min(3.0 ** len(least), MAX_PIVOTS))):  # each joint is free, at its least or at its most
+        matrix[:] = 0.0
+        for i in range(3):
+            moved = 0.0
+            for j in range(len(held)):
+                if held[j] == 0:
+                    for k in range(3):
+                        matrix[i, k] += jacobian[i, j] * jacobian[k, j]
+                else:
+                    moved += jacobian[i, j] * (least[j] if held[j] < 0 else most[j])
+            rest[i] = target[i] - moved
+            matrix[i, i] += damping**2
+        force, wrong, asked = solve_3x3(matrix, rest), -1, 0.0
+        for j in range(len(held) - 1, -1, -1):
+            wanted[j] = jacobian[0, j] * force[0] + jacobian[1, j] * force[1] + jacobian[2, j] * force[2]
+            bound = -1.0 if wanted[j] - least[j] < -ROUNDED else 1.0 if wanted[j] - most[j] > ROUNDED else 0.0
+            if bound != held[j]:
+                wrong, asked = j, bound
+        if wrong < 0:
             break
         damping = LIMIT_DAMPING
-        held[wrong[0]] = asked[wrong[0]] if held[wrong[0]] == 0 else 0
-    return np.asarray(np.clip(wanted, least, most))
+        held[wrong] = asked if held[wrong] == 0 else 0.0
+    return np.minimum(np.maximum(wanted, least), most)

@@ -18,9 +18,10 @@ from pipeline.kernels.touch.sensor import Gel, Sensor
 
 MAX_CELLS = 160  # along the longer side of an image, on which contact is solved; with more pixels, several share a cell
 TOLERANCE = 1e-4  # root mean square of the gap in the contact over the deepest impression; the force errs by as much
-PEAK = 4  # largest gap, in tolerances; around the contact it is one
+PEAK = 4  # largest gap in the contact, in tolerances; around the contact, where the object comes through, it is one
 MAX_STEPS = 300  # seven times the most that any of 2800 random presses into random gels has needed
 MARGIN = 2  # cells between the opposite rims of a window in `_stiffness`
+Layer = tuple[tuple[float, float], float, float]  # an elastic layer: size of a cell along y and x, m; Poisson's ratio; thickness, m
 FIRST_LENGTH = 0.6  # of a step; stiffness times displacement is from 0.9 to 2, except in very thin layers
 
 
@@ -40,12 +41,12 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> PressedGel:
     than `MAX_CELLS` per side, squares of pixels share a cell with their mean D', and what lies between is interpolated.
     """
     factor, pitch = contact_cells(sensor)
-    coarse = _cell_means(pressed, factor)
+    coarse = cell_means(pressed, factor)
     deepest = coarse.max()
     if not deepest > 0:
         return PressedGel(np.zeros(sensor.shape), np.zeros(sensor.shape, bool), np.zeros(sensor.shape))
     check_layer(sensor)
-    layer = _Layer(pitch, gel.poisson, sensor.layer_thickness)
+    layer = pitch, gel.poisson, sensor.layer_thickness
     window = tuple(slice(at[0], at[-1] + 1) for at in (np.flatnonzero(coarse.any(axis=axis)) for axis in (1, 0)))
     share = (coarse[window] / deepest).astype(np.float32)
     window_pressure, indentation = _solve(share, _displacement(share.shape, coarse.shape, layer), _stiffness(share.shape, layer))
@@ -55,7 +56,7 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> PressedGel:
         indentation = _displacement(coarse.shape, coarse.shape, layer)(unit_pressure)
     surface, pressure = indentation * deepest, unit_pressure * (deepest * gel.modulus / (1 - gel.poisson**2))
     if factor > 1:
-        surface, pressure = _refine(surface, factor, sensor.shape), _spread(pressure, factor, pressed)
+        surface, pressure = refine(surface, factor, sensor.shape), _spread(pressure, factor, pressed)
     surface = np.where(pressed > 0, np.maximum(surface, pressed), surface)
     return PressedGel(surface, pressure > 0, pressure)
 
@@ -77,7 +78,7 @@ def check_layer(sensor: Sensor) -> None:
 
 
 @compiled
-def _cell_means(pressed: Array, factor: int) -> Array:
+def cell_means(pressed: Array, factor: int) -> Array:
     """Average squares of pixels; beyond the rim, where nothing is known to press, the impression is 0."""
     rows, cols = pressed.shape
     means = np.zeros((-(-rows // factor), -(-cols // factor)))
@@ -89,14 +90,6 @@ def _cell_means(pressed: Array, factor: int) -> Array:
     return means / factor**2
 
 
-class _Layer(NamedTuple):
-    """An elastic layer on a grid."""
-
-    pitch: tuple[float, float]  # size of a cell along y and x, m
-    poisson: float
-    thickness: float  # m
-
-
 class _Convolution(NamedTuple):
     """A convolution in single precision by a kernel that is symmetric along both axes: `convolution(array)`, both (rows, cols)."""
 
@@ -104,16 +97,24 @@ class _Convolution(NamedTuple):
     spectrum: Array32  # (padded rows, padded columns // 2 + 1) of the kernel
 
     def __call__(self, array: Array32) -> Array32:
-        rows, cols = array.shape
-        lines = scipy.fft.rfft(array, self.padded[1])  # axis by axis: lines of zeros and lines that are cut off need no transform
-        waves = scipy.fft.fft(lines, self.padded[0], axis=0)
+        waves = to_waves(array, self.padded)
         waves *= self.spectrum
-        lines = scipy.fft.ifft(waves, axis=0, overwrite_x=True)[:rows]
-        return np.asarray(scipy.fft.irfft(lines, self.padded[1])[:, :cols])
+        return from_waves(waves, self.padded, array.shape)
+
+
+def to_waves(arrays: Array32, padded: tuple[int, int]) -> NDArray[np.complex64]:  # (..., padded rows, padded columns // 2 + 1)
+    """Transform arrays (..., rows, cols) that zeros pad, axis by axis: lines of zeros need no transform."""
+    return np.asarray(scipy.fft.fft(scipy.fft.rfft(arrays, padded[1]), padded[0], axis=-2))
+
+
+def from_waves(waves: NDArray[np.complex64], padded: tuple[int, int], shape: tuple[int, ...]) -> Array32:  # (..., rows, cols)
+    """Transform waves, which are overwritten, back to arrays whose last axes are those of `shape`; the rest is cut off."""
+    lines = scipy.fft.ifft(waves, axis=-2, overwrite_x=True)[..., : shape[-2], :]
+    return np.asarray(scipy.fft.irfft(lines, padded[1])[..., : shape[-1]])
 
 
 @lru_cache(maxsize=8)
-def _displacement(window: tuple[int, int], grid: tuple[int, int], layer: _Layer) -> _Convolution:
+def _displacement(window: tuple[int, int], grid: tuple[int, int], layer: Layer) -> _Convolution:
     """Compute the displacements of a pressure in a window of a grid, without wrapping around."""
     rows, cols = (scipy.fft.next_fast_len(count, real=True) for count in window)
     kernel = np.zeros((rows + 1, cols + 1), np.float32)
@@ -123,14 +124,15 @@ def _displacement(window: tuple[int, int], grid: tuple[int, int], layer: _Layer)
 
 
 @lru_cache(maxsize=8)
-def _stiffness(window: tuple[int, int], layer: _Layer) -> _Convolution:
+def _stiffness(window: tuple[int, int], layer: Layer) -> _Convolution:
     """Compute the approximate inverse of `_displacement`, which preconditions the solver: periodic, with a margin between the rims."""
+    pitch, poisson, thickness = layer
     padded = tuple(scipy.fft.next_fast_len(count + MARGIN, real=True) for count in window)
-    waves = [2 * np.pi * scipy.fft.fftfreq(count, size) for count, size in zip(padded, layer.pitch, strict=True)]
+    waves = [2 * np.pi * scipy.fft.fftfreq(count, size) for count, size in zip(padded, pitch, strict=True)]
     wave = np.sqrt(np.square(waves[0])[:, None] + np.square(waves[1])[None, : padded[1] // 2 + 1])
-    wave[0, 0] = np.pi / max(count * size for count, size in zip(window, layer.pitch, strict=True))  # a single contact is not infinite
+    wave[0, 0] = np.pi / max(count * size for count, size in zip(window, pitch, strict=True))  # a single contact is not infinite
     knots = WAVES * np.linspace(0, 1, 200) ** 3  # a table is exact enough, and faster
-    factor = np.interp(wave * layer.thickness, knots, layer_factor(knots, layer.poisson))
+    factor = np.interp(wave * thickness, knots, layer_factor(knots, poisson))
     return _Convolution(padded, (wave / (2 * factor)).astype(np.float32))
 
 
@@ -154,12 +156,11 @@ def _solve(pressed: Array32, displacement: _Convolution, stiffness: _Convolution
 
 @compiled
 def _look(height: Array32, pressed: Array32, pressure: Array32, change: Array32, gap: Array32) -> tuple[float, float, float, float]:
-    """Update the gap in the contact, 0 outside, from the surface's height over the object.
+    """Set the gap in the contact, 0 outside, to the surface's height over the object.
 
-    Return its root mean square, how far the object comes through around it or the gap's `PEAK`th, and two products.
-
-    These products of the last change of pressure are those with the gap before, negative, and with the change of the gap. Sums are taken by
-    columns, in short loops: so the compiler vectorises them.
+    Return the gap's root mean square; the largest of the depths by which the object comes through the surface and of the gap's `PEAK`th
+    part; and two products of the last change of pressure: with the gap before, negated, and with the change of the gap. Sums are taken by
+    columns, in short loops, which the compiler vectorises.
     """
     rows, cols = pressed.shape
     zero, one, share = np.float32(0), np.float32(1), np.float32(1 / PEAK)
@@ -230,7 +231,7 @@ def _slope(before: float, here: float, after: float) -> float:
     return max(min(down, up), 0.0) + min(max(down, up), 0.0)
 
 
-def _refine(coarse: Array, factor: int, shape: tuple[int, int]) -> Array:
+def refine(coarse: Array, factor: int, shape: tuple[int, int]) -> Array:
     """Interpolate by cubics through the middles of cells, each of which becomes factor x factor pixels; cut to a shape."""
     shares = (np.arange(factor) + 0.5) / factor - 0.5
     t = shares % 1  # of the way from the second to the third of four neighbours, weighted as Catmull and Rom do

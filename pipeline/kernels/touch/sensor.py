@@ -15,8 +15,10 @@ from pydantic.json_schema import SkipJsonSchema
 from pipeline.entries import Entries
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Mask, check_shape
+from pipeline.kernels.touch.markers import MarkerGrid
 
 MM = 1e3  # millimetres per metre
+MAX_FRICTION = 1000.0  # coefficient that holds whatever is pressed
 MAX_PIXELS_PER_SIDE = 4096  # rows and columns of an image: more than any camera of a sensor has
 
 Length = Annotated[float, Field(ge=1e-6, le=10)]
@@ -133,6 +135,15 @@ class Gel(Entries):
     modulus: Annotated[float, Field(gt=0, le=1e12, description="Young's modulus, Pa; a gel's is some 1e5")]
     poisson: Annotated[float, Field(ge=0, le=0.5, description="Poisson's ratio; rubber's is nearly 0.5")] = 0.48
     thickness: Annotated[Length | None, Field(description="of the elastic layer, m; by default w")] = None
+    friction: Annotated[
+        float | None,
+        Field(
+            ge=0,
+            le=MAX_FRICTION,
+            exclude_if=lambda friction: friction is None,
+            description="coefficient of friction with what slides on it",
+        ),
+    ] = None
 
 
 class Sensor(Entries):
@@ -155,6 +166,9 @@ class Sensor(Entries):
     gel: Annotated[
         Gel | None,
         Field(exclude_if=lambda gel: gel is None, description="an elastic gel, which gives pressure and force; no membrane then"),
+    ] = None
+    markers: Annotated[
+        MarkerGrid | None, Field(exclude_if=lambda markers: markers is None, description="dots printed on the elastic gel; by default none")
     ] = None
     noise: Annotated[
         Literal["none"] | Annotated[float, Field(gt=0, le=128)], Field(description="standard deviation of pixel noise, levels of 255")
@@ -179,6 +193,10 @@ class Sensor(Entries):
             raise ValueError(f"calibrated.within {list(within)} lies far beyond {rim}; state it in metres from there")
         if self.gel is not None and self.membrane > 0:
             raise ValueError(f"a membrane of {self.membrane} m and an elastic gel exclude each other: remove one")
+        if self.markers is not None:
+            self.markers.check_spacing(self.width, self.height)
+            if self.gel is None:
+                raise ValueError("markers move with an elastic gel, and there is none: give `gel: {modulus: …}`, or remove them")
         if self.surface is not None and self.surface.radius is not None:
             reach = {"both": np.hypot(self.width, self.height), "x": self.width, "y": self.height}[self.surface.along] / 2
             radius = self.surface.radius

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.kernels.arrays import Array, Mask
+from pipeline.kernels.compiled import for_few
 from pipeline.kernels.geometry.transforms import compose, invert_similarity, length, solve_3x3, unit_vectors
 
 ALIKE = 6  # levels of 255 in each colour by which the background differs at most from the image's border
@@ -46,7 +47,7 @@ class Direction(NamedTuple):
 
 def optical_centre(matrix: Array) -> Array:
     """Compute the optical centre (3,), world, m, of a projection matrix (3, 4)."""
-    return -solve_3x3(matrix[:, :3], matrix[:, 3])
+    return -for_few(solve_3x3)(matrix[:, :3], matrix[:, 3])
 
 
 def split_projection(matrix: Array) -> tuple[Array, Array]:  # (3, 3), (3, 3) world to camera: x right, y down, z forward

@@ -115,6 +115,15 @@ def test_webdataset_names_unit_and_joints_of_each_column(elastic, tmp_path):
     assert np.float32(facts[f"force.{FINGERS[0]}"]) == force[0]
 
 
+def test_webdataset_shards_are_cut_by_size_between_samples(data, tmp_path, monkeypatch):
+    monkeypatch.setattr("pipeline.contrib.exports.webdataset_shards.SHARD_BYTES", 1)
+    vt("export", data, tmp_path / "out", "--to", "webdataset")
+    shards = sorted((tmp_path / "out").glob("*.tar"))
+    assert [shard.name for shard in shards] == [f"test-{number:06d}.tar" for number in range(10)]
+    keys = [{name.partition(".")[0] for name in files_in(shard)} for shard in shards]
+    assert keys == [{f"{number:08d}"} for number in range(10)]
+
+
 def test_folder_that_is_not_empty_is_refused(data, tmp_path):
     (tmp_path / "mine").write_text("")
     assert "is not empty" in vt("export", data, tmp_path, "--to", "webdataset", fails=True)

@@ -20,7 +20,7 @@ from pipeline.errors import InvalidInput
 from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
 from tests.command_line import vt
-from tests.contrib.exports.test_exports import elastic  # noqa: F401
+from tests.contrib.exports.test_exports import add_forces, elastic  # noqa: F401
 from tests.engine.tiny_stages import pack
 from tests.stages import ball_dataset
 from tests.stages.ball_dataset import CENTRE, SCALE, TURN
@@ -83,6 +83,17 @@ def test_arrays_have_forces_pressures_and_what_held_with_their_units(elastic: Pa
             assert {"force: N", "pressure: Pa"} <= set(stored["units"].tolist())
             moved = SCALE * stored["sensor_pose"][..., :3, 3] @ TURN.T + CENTRE
             np.testing.assert_allclose(moved, rows.read("sensor_pose", name)[..., :3, 3], atol=1e-9)
+
+
+def test_object_whose_touches_failed_keeps_its_grasps(tmp_path: Path) -> None:
+    ball_dataset.make_data(tmp_path / "data", 2)
+    stage = ball_dataset.stages()[3]
+    asked: Any = Request(stage, Settings(), "balls", ball_dataset.objects(2), "draft", 1, tmp_path / "data")
+    pack(asked, lambda unit: add_forces(unit, "touch", stage.row(unit)), failed="b")
+    out = exported(tmp_path / "data", tmp_path / "out", "grasps")
+    with np.load(out / "a.npz") as a, np.load(out / "b.npz") as b:
+        assert set(a) - set(b) == {"force", "pressure"}
+        assert a["grasp"].shape == b["grasp"].shape
 
 
 @pytest.mark.parametrize("form", ["grasps", "mesh", "webdataset"])

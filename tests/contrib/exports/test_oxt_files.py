@@ -55,6 +55,18 @@ def test_stores_are_zarr_2_time_major_with_an_episode_per_object(elastic: Path, 
         assert stored["camera_main_rgb"].shape == (5, 256, 256, 3)
 
 
+def test_objects_of_a_category_are_episodes_of_one_store(tmp_path: Path) -> None:
+    ball_dataset.make_data(tmp_path / "data", 3)
+    vt("export", tmp_path / "data", tmp_path / "out", "--to", "oxt")
+    root: Any = zarr.open_group(str(tmp_path / "out" / "test" / "grasp_bottle.zarr"), mode="r")
+    assert root["meta/episode_ends"][:].tolist() == [5, 10]
+    assert root["data/object_id"][:].tolist() == ["a"] * 5 + ["c"] * 5
+    assert set(root["data/sub_task_instruction"][:]) == {"grasp a bottle"}
+    images = ObjectRows(tmp_path / "data", ["tactile_image"], split=None)
+    expected = np.concatenate([images.read("tactile_image", name) for name in ("a", "c")])
+    np.testing.assert_array_equal(root["data/right_tactile_data_image_gel_16mm"][:], expected)
+
+
 def test_forces_are_not_invented_where_no_gel_is_elastic(data: Path, tmp_path: Path) -> None:  # noqa: F811
     vt("export", data, tmp_path / "out", "--to", "oxt")
     stored: Any = zarr.open_group(str(tmp_path / "out" / "test" / "grasp_bottle.zarr"), mode="r")["data"]
@@ -70,6 +82,14 @@ def test_dataset_without_touches_is_refused(tmp_path: Path) -> None:
 
 def test_allegro_has_the_slots_that_the_layout_draws_for_it() -> None:
     assert joint_slots(load_hand("allegro_right")) == [5, 7, 8, 9, 10, 12, 13, 14, 15, 17, 18, 19, 1, 0, 2, 3]
+
+
+def test_thumb_of_five_joints_has_the_slots_of_the_shadow_hand() -> None:
+    hand = load_hand("allegro_right")
+    thumb, index = replace(hand.fingers[3], joints=(11, *hand.fingers[3].joints)), hand.fingers[0]
+    others = (replace(hand.fingers[2], joints=hand.fingers[2].joints[:3]), hand.fingers[1], index)
+    slots = joint_slots(replace(hand, fingers=(thumb, *others)))
+    assert [slots[entry] for entry in thumb.joints] == [1, 0, 26, 3, 4]
 
 
 def test_gripper_has_the_slot_of_grippers_and_the_areas_of_thumb_and_index() -> None:

@@ -7,7 +7,8 @@ import numpy as np
 import pybullet
 import pytest
 
-from pipeline.kernels.hand.kinematics import FEW_POSTURES, forward_kinematics, sensor_poses
+from pipeline.kernels.geometry.transforms import compose
+from pipeline.kernels.hand.kinematics import FEW_POSTURES, combine_frames, forward_kinematics, sensor_poses
 from pipeline.kernels.hand.model import Hand
 from tests.kernels.hand.meshes import random_pose
 
@@ -51,6 +52,13 @@ def test_forward_kinematics_broadcasts_poses_against_angles(hand: Hand, rng: np.
     assert frames.shape == (2, 3, len(hand.links), 4, 4)
     np.testing.assert_array_equal(frames[1, 2], forward_kinematics(hand, poses[2], angles[1, 2]))
     assert forward_kinematics(hand, np.eye(4), np.zeros((0, 16))).shape == (0, len(hand.links), 4, 4)
+
+
+def test_combined_frames_have_the_bits_of_composed_ones(hand: Hand, rng: np.random.Generator) -> None:
+    frames, pose = forward_kinematics(hand, np.eye(4), angles_of(hand, rng, 9)), random_pose(rng)
+    rows = rng.integers(9, size=(20, len(hand.links)))
+    combined = combine_frames(pose, frames, rows)
+    np.testing.assert_array_equal(combined, compose(pose, frames[rows, np.arange(len(hand.links))]))
 
 
 def test_sensor_frames_follow_tip_axes(hand: Hand, rng: np.random.Generator) -> None:

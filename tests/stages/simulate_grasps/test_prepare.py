@@ -7,7 +7,9 @@ from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand.distance_field import finger_clearance
 from pipeline.kernels.hand.grid_loops import gaps
 from pipeline.kernels.hand.pregrasp import tangent_palm_pose
+from stages.simulate_grasps import prepare
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand, prepare_object
+from stages.simulate_grasps.stage import GraspSettings
 from tests.kernels.hand.meshes import bar, mug, points_on
 from tests.references.world_centres import world_centres
 from tests.stages.simulate_grasps.conftest import SETTINGS
@@ -59,3 +61,13 @@ def _exact_clearance(prepared: PreparedHand, exact, frames: np.ndarray) -> np.nd
         centres = world_centres(own, frames)
         gaps.append((exact(centres.reshape(-1, 3)).reshape(centres.shape[:2]) - own.radii).min(axis=1))
     return np.stack(gaps, axis=1)
+
+
+def test_prepared_hand_is_kept_between_runs_by_hand_and_samples(tmp_path, monkeypatch) -> None:
+    made = []
+    monkeypatch.setattr(prepare, "KEPT", tmp_path / "prepared.pickle")
+    monkeypatch.setattr(prepare, "_prepare", lambda hand, sensors, samples: made.append(samples) or (hand.name, samples))
+    for samples, times in ((64, 1), (64, 1), (128, 2), (64, 2)):
+        settings = GraspSettings(hand="two_finger_gripper", ik_samples=samples)
+        assert prepare.prepare_hand(settings) == ("two_finger_gripper", samples)
+        assert len(made) == times

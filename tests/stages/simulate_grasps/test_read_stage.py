@@ -1,19 +1,23 @@
 """`read-grasps`: grasps that this project exports come back the same, other files' grasps one by one."""
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 
 from pipeline.console import errors
+from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.make import make
 from pipeline.engine.plan import Made, Request
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
+from pipeline.recipes.dataset_recipe import recipe_of
 from stages.registry import load_stage, resolve
 from tests.command_line import vt
 from tests.stages.tiny_dataset import ASSIGNMENTS, manifest, run_stage
@@ -117,7 +121,9 @@ def test_wrong_grasps_are_named_and_the_others_are_read(arrays, copy, tmp_path):
         "2-limits": {"joint_angles": arrays["joint_angles"] + 5},
         "3-inside": {"hand_pose": arrays["hand_pose"] * 0 + np.eye(4)},
         "4-fewer": {"joint_angles": arrays["joint_angles"][:, 1:], "joint_names": arrays["joint_names"][1:]},
-        "5-sound": {},
+        "5-far": {"hand_pose": arrays["hand_pose"] + np.array([[0, 0, 0, 1e30]] * 3 + [[0] * 4])},
+        "6-target": {"squeeze": arrays["joint_angles"] * 1e30},
+        "7-sound": {},
     }
     folder = tmp_path / "in" / NAME
     folder.mkdir(parents=True)
@@ -125,17 +131,37 @@ def test_wrong_grasps_are_named_and_the_others_are_read(arrays, copy, tmp_path):
         np.savez(folder / f"{name}.npz", **({key: value[:1] if value.ndim > 1 else value for key, value in (arrays | changes).items()}))
     made = run_on(copy, tmp_path / "in")
     read, refused, touched, pose = row_of(copy, "grasp_files", "refused_grasps", "touch_success", "hand_pose")
-    assert str(read) == f"{NAME}/5-sound.npz"
+    assert str(read) == f"{NAME}/7-sound.npz"
     reasons = str(refused).splitlines()
-    expected = ("metres_per_unit: ", "'wrist'", "its limits are", "inside", "no value for")
-    for name, line, words in zip([*wrong][:5], reasons, expected, strict=True):
+    expected = ("metres_per_unit: ", "'wrist'", "its limits are", "inside", "no value for", "in metres?", "in the squeeze")
+    for name, line, words in zip([*wrong][:7], reasons, expected, strict=True):
         assert line.startswith(f"{NAME}/{name}.npz: "), line
         assert words in line, line
-    assert len(reasons) == 5
+    assert len(reasons) == 7
     assert touched[0].any()
     assert not touched[1].any()
     assert pose[1, 2, 3] > 9
-    assert "1 grasp of 1 object read, 5 refused" in made.notes
+    assert "1 grasp of 1 object read, 7 refused" in made.notes
+    assert GraspDataset(copy, ["hand_pose"]).items == [(NAME, 0)]
+    vt("export", copy, tmp_path / "out", "--to", "grasps")
+    with np.load(tmp_path / "out" / f"{NAME}.npz") as exported:
+        assert len(exported["hand_pose"]) == 1
+
+
+def test_recipe_of_grasps_from_files_is_refused_in_words(arrays, copy, tmp_path):
+    (tmp_path / "in").mkdir()
+    np.savez(tmp_path / "in" / f"{NAME}.npz", **arrays)
+    run_on(copy, tmp_path / "in")
+    with pytest.raises(InvalidInput, match="read-grasps read files that no recipe names"):
+        recipe_of(copy, "one-of-each")
+
+
+def test_more_grasps_than_the_setting_are_counted(arrays, copy, tmp_path):
+    (tmp_path / "in").mkdir()
+    three = {name: values[[0, 1, 1]] if values.ndim > 1 else values for name, values in arrays.items()}
+    np.savez(tmp_path / "in" / f"{NAME}.npz", **three)
+    made = run_on(copy, tmp_path / "in", "read-grasps.grasps=1")
+    assert "1 grasp of 1 object read, 0 refused, 2 further not read: read-grasps.grasps is 1" in made.notes
 
 
 def test_object_without_usable_grasps_fails_with_the_reason(arrays, copy, tmp_path):
@@ -178,3 +204,29 @@ def test_closed_and_tested_grasps_press_deeper(arrays, data, copy, tmp_path):
     (before,), (after, held) = row_of(data, "joint_angles"), row_of(copy, "joint_angles", "held")
     assert np.abs(after - before).max() > 1e-3
     assert held.shape == (GRASPS,)
+
+
+def bench_file(arrays: dict[str, Any], path: Path, order: Sequence[int]) -> None:
+    """Write the first grasp as DexGraspBench does, its joints in another order and without names."""
+    scale, pose = float(arrays["metres_per_unit"]), arrays["hand_pose"][0]
+    root = [*(scale * pose[:3, 3]), *Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)]
+    qpos = np.array([*root, *arrays["joint_angles"][0][list(order)]])
+    path.parent.mkdir(parents=True)
+    np.save(path, np.array({"obj_scale": scale, "obj_pose": np.eye(7)[3], "grasp_qpos": qpos}, object), allow_pickle=True)
+
+
+def test_joints_without_names_are_those_of_the_model_or_of_the_setting(arrays, data, copy, tmp_path):
+    hand = load_hand("allegro_right")
+    names, order = list(hand.joint_names), [*range(8, 16), *range(8)]
+    model = [joint.name for joint in hand.joints if joint.kind != "fixed"]
+    bench_file(arrays, tmp_path / "model" / NAME / "0.npy", [names.index(name) for name in model])
+    bench_file(arrays, tmp_path / "listed" / NAME / "0.npy", order)
+    for folder, assignments in (("model", []), ("listed", [f"read-grasps.joints=[{', '.join(names[joint] for joint in order)}]"])):
+        run_on(copy, tmp_path / folder, *assignments)
+        (ours,), (theirs,) = row_of(data, "sensor_pose"), row_of(copy, "sensor_pose")
+        np.testing.assert_allclose(theirs[0], ours[0], atol=1e-9)
+    settings = resolve("read-grasps", "draft", [f"read-grasps.folder={tmp_path / 'model'}"])
+    notes = list(load_stage("read-grasps").describe_misfits(settings, [(NAME, {})]))
+    assert f"files do not name joints: read as {', '.join(model)} (read-grasps.joints)" in notes
+    run = run_on(copy, tmp_path / "model", "read-grasps.joints=[a, b]")
+    assert "names none of them, 2 joints of hand allegro_right are expected" in next(iter(run.failures.values())).reason

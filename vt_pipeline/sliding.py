@@ -1,0 +1,252 @@
+"""Touches over time: a sensor that presses, slides, twists, rolls and lifts off; and the dots printed on its gel."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.touch.depth_maps import press_gel
+from pipeline.kernels.touch.elastic_contact import check_layer
+from pipeline.kernels.touch.friction import (
+    FrictionState,
+    drag_gel,
+    gel_at_rest,
+    object_motion,
+    on_pixels,
+    surface_displacement,
+    surface_traction,
+)
+from pipeline.kernels.touch.markers import MarkerGrid, dot_displacement, draw_dots
+from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.sensor import MAX_FRICTION, MM, Sensor, pixel_centres
+from pipeline.kernels.touch.tactile_image import render_gel
+from vt_pipeline.objects import Source, TouchObject, as_object
+from vt_pipeline.touching import Touch, as_poses, as_rng, as_sensor
+
+DOT_RADIUS = 3e-4  # m, of dots whose sensor has no `markers`
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SlidingTouch(Touch):
+    """Hold one step of a slide: a `Touch`, and what friction does to its gel.
+
+    Components are along x and y of the sensor frame; forces are the object's on the gel.
+
+    Attributes
+    ----------
+    state
+        The gel's `FrictionState`, from which the next step starts.
+    """
+
+    state: FrictionState
+
+    @property
+    def settled(self) -> bool:
+        """Whether the solver reached its tolerance in this step; if not, its shear is not to be relied on."""
+        return self.state.settled
+
+    @cached_property
+    def displacement(self) -> NDArray[np.float64]:
+        """(rows, cols, 2) displacement of the gel's surface from its rest, m."""
+        return surface_displacement(self.state, self.sensor)
+
+    @cached_property
+    def traction(self) -> NDArray[np.float64]:
+        """(rows, cols, 2) tangential traction, Pa; at most friction times `pressure`."""
+        return surface_traction(self.state, self.gel, self.sensor)
+
+    @cached_property
+    def slip(self) -> NDArray[np.float64]:
+        """(rows, cols, 2): how far the object slid over the gel in this step, m; 0 where it sticks and outside the contact."""
+        return on_pixels(self.state.slip, self.sensor) * self.contact[..., None]
+
+    @property
+    def slips(self) -> NDArray[np.bool_]:
+        """(rows, cols): where the object slips; elsewhere in `contact` it sticks."""
+        return np.asarray(self.slip.any(axis=-1))
+
+    @property
+    def slip_share(self) -> float:
+        """Share of the contact that slips; 0 without contact. A mere press slips a little at the rim."""
+        return float(self.slips.sum() / max(self.contact.sum(), 1))
+
+    @property
+    def gross_slip(self) -> bool:
+        """Whether the object touches and sticks nowhere."""
+        return bool(self.contact.any() and (self.slips == self.contact).all())
+
+    @property
+    def shear_force(self) -> NDArray[np.float64]:
+        """(2,) tangential force, N; `force` is the normal one."""
+        return np.asarray(self.traction.sum(axis=(0, 1)) * np.prod(self.sensor.pitch))
+
+    @property
+    def torque(self) -> float:
+        """Torque of the tractions about the sensor's axis, +z, N·m."""
+        x, y = pixel_centres(self.sensor)
+        moments = x[None] * self.traction[..., 1] - y[:, None] * self.traction[..., 0]
+        return float(moments.sum() * np.prod(self.sensor.pitch))
+
+
+def slide(
+    object_: TouchObject | Source,
+    sensor: Sensor | str | Path,
+    poses: np.ndarray,
+    *,
+    friction: float | None = None,
+    after: SlidingTouch | None = None,
+    rng: np.random.Generator | None = None,
+) -> Iterator[SlidingTouch]:
+    """Move a sensor with an elastic gel along a path over an object: press, slide, twist, roll, lift off.
+
+    Parameters
+    ----------
+    object_, sensor
+        As in `touch`.
+    poses
+        (N, 4, 4) sensor frame to object frame, m, one after the other; the first touches nothing. What moves within a step counts as
+        moved in contact: take short steps where a touch begins.
+    friction
+        Coefficient between gel and object; by default that of the sensor's file.
+    after
+        A step from which the path goes on, such as the last of another slide; the first pose may touch then.
+    rng
+        Draws the pixel noise of a sensor that has some; None for images without noise.
+
+    Yields
+    ------
+    A touch per pose. The normal pressure is that of a touch: friction does not change it.
+
+    Raises
+    ------
+    InvalidInput
+        The sensor has no elastic gel, its friction is not known, or below 0; a pose is not a rigid motion; the path begins in contact; the
+        object moves by more than the gel's thickness in a step that begins or ends in contact.
+
+    Examples
+    --------
+    >>> path = np.tile(pose, (30, 1, 1))  # (4, 4) pose that touches nothing, here with +z along the object's -z
+    >>> path[:, 2, 3] -= np.linspace(0, 1e-3, 30).clip(max=5e-4)
+    >>> path[15:, 0, 3] += np.linspace(0, 4e-4, 15)
+    >>> forces = [touch.shear_force for touch in slide("mug.glb", "gelsight_mini", path, friction=0.6)]
+    """
+    object_, sensor, rng = as_object(object_), as_sensor(sensor), as_rng(rng)
+    check_layer(sensor)
+    checked, coefficient = as_poses("poses", poses, several=True), _friction(friction, sensor)
+    if not isinstance(after, SlidingTouch | None):
+        raise TypeError(f"after is a step of slide; this is {type(after).__name__}")
+    if after is not None and after.sensor != sensor:
+        raise InvalidInput(f"the step to go on from is of {after.sensor}, this is {sensor}: give both the same sensor")
+    steps = _steps(object_, sensor, checked, coefficient, after, rng)
+    return chain(list(islice(steps, 1)), steps)  # what is wrong with the first pose is said at once
+
+
+def _steps(
+    object_: TouchObject,
+    sensor: Sensor,
+    poses: NDArray[np.float64],
+    friction: float,
+    after: SlidingTouch | None,
+    rng: np.random.Generator | None,
+) -> Iterator[SlidingTouch]:
+    state, before = (gel_at_rest(sensor), None) if after is None else (after.state, after.pose)
+    for number, pose in enumerate(poses):
+        depth = ray_depth(object_.faces, pose, sensor).astype(np.float32)
+        gel = press_gel(depth, sensor)
+        if before is None and gel.contact.any():
+            raise InvalidInput(
+                f"poses[0] lies in contact, {MM * gel.indentation.max():.3g} mm deep, and nothing says how the gel was sheared before: let "
+                "the path begin where nothing touches, or go on from another slide's step with `after`"
+            )
+        motion = object_motion(depth, pose if before is None else before, pose, sensor)
+        try:
+            state = drag_gel(gel, motion, state, sensor, friction)
+        except InvalidInput as error:
+            raise InvalidInput(f"poses[{number}]: {error}") from error
+        before = pose
+        touched = SlidingTouch(sensor, pose, depth, render_gel(gel.indentation, sensor, rng), state)
+        vars(touched)["gel"] = gel  # the cached property: it is known already
+        yield touched
+
+
+def _friction(given: float | None, sensor: Sensor) -> float:
+    """Return the coefficient of friction: as given, or the sensor's."""
+    if sensor.gel is None:
+        raise InvalidInput(f"sensor {sensor.name} has no elastic gel, which alone can be sheared; give its file `gel: {{modulus: …}}`")
+    if (friction := sensor.gel.friction if given is None else given) is None:
+        raise InvalidInput(f"the friction of sensor {sensor.name} is not known: give friction=…, or its file `gel: {{friction: …}}`")
+    try:
+        value = float(friction)
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"friction is a number; this is {type(friction).__name__}") from error
+    if not 0 <= value <= MAX_FRICTION:
+        raise InvalidInput(f"friction is {value}; a coefficient is from 0 to {MAX_FRICTION:g}, a rubber's 0.3 to 2")
+    return value
+
+
+class Markers(NamedTuple):
+    """Hold the dots of a gel in one step of a slide.
+
+    Attributes
+    ----------
+    positions, displacement
+        (N, 2) m along x and y of the sensor frame: where the dots are at rest, and how far the gel's surface has moved them.
+    image
+        (rows, cols, 3) uint8: that of the step, with the dots, moved and stretched.
+    """
+
+    positions: NDArray[np.float64]
+    displacement: NDArray[np.float64]
+    image: NDArray[np.uint8]
+
+
+def markers(touch: SlidingTouch, dots: Any = None) -> Markers:
+    """Move the dots that are printed on a sensor's gel, as its surface moves.
+
+    Parameters
+    ----------
+    touch
+        A step of `slide`.
+    dots
+        (N, 2) positions of the dots at rest, m along x and y from the middle of the gel; by default the grid of the sensor's `markers`,
+        which also gives their radius and colour: 0.3 mm and black if the sensor has none.
+
+    Returns
+    -------
+    Displacements, and an image with the dots.
+
+    Raises
+    ------
+    InvalidInput
+        A dot lies outside the gel, or the sensor has no markers and no dots are given.
+    """
+    if not isinstance(touch, SlidingTouch):
+        raise TypeError(f"markers are moved by a step of slide; this is {type(touch).__name__}")
+    sensor = touch.sensor
+    if dots is None and sensor.markers is None:
+        raise InvalidInput(f"sensor {sensor.name} has no markers: give dots, (N, 2) positions in m, or its file `markers: {{rows: 7, …}}`")
+    grid = sensor.markers or MarkerGrid(rows=1, cols=1, radius=DOT_RADIUS)
+    positions = grid.positions(sensor.width, sensor.height) if dots is None else _as_dots(dots, sensor)
+    displacement, image = dot_displacement(positions, touch.displacement, sensor.pitch), touch.image.copy()
+    draw_dots(image, touch.displacement, sensor.pitch, positions, grid.radius, grid.colour)
+    return Markers(positions, displacement, image)
+
+
+def _as_dots(dots: Any, sensor: Sensor) -> NDArray[np.float64]:
+    """Return positions of dots as an array (N, 2); an `InvalidInput` names one that lies outside the gel."""
+    try:
+        positions = np.array(dots, np.float64).reshape(len(dots), 2)
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"dots are positions (N, 2), m, which this {type(dots).__name__} does not hold") from error
+    for number in np.flatnonzero(~(np.abs(positions) <= (sensor.width / 2, sensor.height / 2)).all(axis=1))[:1]:  # NaN is outside
+        raise InvalidInput(
+            f"dot {number} lies at {positions[number].tolist()} m, outside the gel of sensor {sensor.name}, whose rim is "
+            f"{sensor.width / 2:g} m and {sensor.height / 2:g} m from its middle"
+        )
+    return positions
