@@ -17,6 +17,7 @@
 #   SEEDS=0           trainings of each network, and evaluations of them: SEEDS="0 1 2" shows what is chance
 #   REAL=...          folder of clones of public repositories with photographs, for bench-touch and test-sensors: see docs/real-touch.md
 #   LONG=1            for reproduce: a night on 2 cores
+#   PUBLIC=...        clone of JYChen18/DexGraspBench with its submodule, for bench-grasps: its grasps beside ours
 #   BEFORE=COMMIT     for bench-before: what is measured beside this checkout; ROWS="grasps touch" and ROUNDS=3 make it shorter
 #   PYTHON=...        Python 3.11, 3.12 or 3.13 for the virtual environment VENV=.venv; by default the first that fits, or one that uv downloads
 
@@ -27,7 +28,7 @@ MAKEFLAGS += --no-builtin-rules
 
 # ---- Values. They are taken as they are: make expands nothing in them, and `quoted` keeps the shell from it. Recipes hold no line breaks.
 
-VARIABLES := MANIFEST PRESET DATA OBJECTS UNITS UP GRASPS SET SHARDS WORKERS CONFIGURATIONS SEEDS LONG REAL BEFORE ROWS ROUNDS VENV PYTHON
+VARIABLES := MANIFEST PRESET DATA OBJECTS UNITS UP GRASPS SET SHARDS WORKERS CONFIGURATIONS SEEDS LONG REAL PUBLIC BEFORE ROWS ROUNDS VENV PYTHON
 define newline
 
 

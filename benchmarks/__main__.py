@@ -13,18 +13,12 @@ from pathlib import Path
 import torch
 
 from benchmarks.provenance import provenance
-from benchmarks.timing import Table
+from benchmarks.timing import Table, write_sections
 
 PEERS = "touch", "elastic_gel", "depth", "chamfer", "surfaces", "store"
 """Tables of `docs/peers.md`."""
 NAMES = "surfaces", "vision", "depth", "chamfer", "gcn", "touch", "elastic_gel", "presses", "slides", "store"
 """Modules of this folder; each has `measure(data, turns)`, which returns a table."""
-INTRODUCTION = """# Compared with other tools
-
-`make bench-peers` measures the peers of a table in one run, on one core of the same machine, with the same meshes and sensor poses; the
-command above a table names its dataset. Times are processor times; notes below each table say what is not comparable. A ratio above 1 is in
-our favour. Commands are those of their commit.
-"""
 
 
 def main() -> None:
@@ -32,7 +26,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"one of {', '.join(NAMES)}; all unless given")
     parser.add_argument("--data", type=Path, required=True, help="a dataset with surfaces, grasps and touches")
-    parser.add_argument("--write", type=Path, help=f"write the tables {', '.join(PEERS)} to this page")
+    parser.add_argument("--write", type=Path, help=f"write the tables {', '.join(PEERS)} into this page")
     parser.add_argument("--turns", type=int, default=3, help="rounds after one to warm up; 3 unless given")
     arguments = parser.parse_args()
     if unknown := set(arguments.names) - set(NAMES):
@@ -46,7 +40,7 @@ def main() -> None:
         tables.append(measure(arguments.data, arguments.turns))
         print(tables[-1].markdown(origin), flush=True)
     if arguments.write:
-        arguments.write.write_text("\n".join([INTRODUCTION, *(table.markdown(origin) for table in tables)]), encoding="utf-8")
+        write_sections(arguments.write, [table.markdown(origin) for table in tables])
     for line in (line for table in tables for line in table.missing):
         print(f"could not run: {line}", file=sys.stderr)
 

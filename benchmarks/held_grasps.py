@@ -32,12 +32,12 @@ HoldResults = dict[tuple[str, Engine], tuple[NDArray[np.bool_], float]]
 """By test and engine: whether each grasp holds, object by object, and processor seconds per grasp."""
 
 
-def measure(data: Path, tests: Sequence[str], engines: Sequence[Engine], workers: int = 1) -> HoldResults:
-    """Test every stored grasp, several objects at once."""
+def measure(data: Path, tests: Sequence[str], engines: Sequence[Engine], workers: int = 1, each: int | None = None) -> HoldResults:
+    """Test the first grasps of every object, by default all, several objects at once."""
     grasps = DataDirectory(data).collection(GRASPS)
     usable = [name for name in grasps if grasps.failure(name) is None]
     with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
-        objects = list(pool.map(partial(measure_object, data, tests, engines), usable))
+        objects = list(pool.map(partial(measure_object, data, tests, engines, each), usable))
     results: HoldResults = {}
     for key in objects[0]:
         held = np.concatenate([of_object[key][0] for of_object in objects])
@@ -45,14 +45,14 @@ def measure(data: Path, tests: Sequence[str], engines: Sequence[Engine], workers
     return results
 
 
-def measure_object(data: Path, tests: Sequence[str], engines: Sequence[Engine], object_id: str) -> HoldResults:
-    """Test the stored grasps of one object."""
+def measure_object(data: Path, tests: Sequence[str], engines: Sequence[Engine], each: int | None, object_id: str) -> HoldResults:
+    """Test the first stored grasps of one object."""
     surfaces, grasps = (DataDirectory(data).collection(artifact) for artifact in (SURFACES, GRASPS))
     attributes = {"grasps": grasps.first.attributes}
     hand, sensors = grasping_hand(attributes), grasping_sensors(attributes)
     surface = surfaces.view(object_id)
     faces, stored = box_faces(read_mesh(surface).triangles), []
-    for grasp in read_grasps(grasps.view(object_id)):
+    for grasp in read_grasps(grasps.view(object_id))[:each]:
         sites = zip(grasp.sensor_pose, sensors, grasp.touched, strict=True)
         contacts = [
             contact_from_depth(ray_depth(faces, pose, sensor), pose, sensor) if touches else None for pose, sensor, touches in sites

