@@ -130,7 +130,7 @@ def make(data: Path, bench: Path, stage: str, workers: int, each: int, settings:
     began = resource.getrusage(resource.RUSAGE_CHILDREN)
     chosen = {"hand": bench / HAND.name, "grasps": each} | settings
     options = [part for name, value in chosen.items() for part in ("--set", f"{stage}.{name}={value}")]
-    where = ["--manifest", str(bench / "objects.yaml"), "--data", str(data), "--workers", str(workers)]
+    where: list[str | Path] = ["--manifest", bench / "objects.yaml", "--data", data, "--workers", str(workers)]
     subprocess.run([*PIPELINE, "run", "sample-surfaces", stage, *where, *options], check=True)
     ended = resource.getrusage(resource.RUSAGE_CHILDREN)
     return (ended.ru_utime + ended.ru_stime - began.ru_utime - began.ru_stime) / (each * len(made(data)))
