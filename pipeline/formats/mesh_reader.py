@@ -78,15 +78,13 @@ def serve() -> None:
     """Read the files that standard input names; end when there are no more, or with the status of a fork that failed."""
     import PIL.Image
 
-    import pipeline.formats.mesh_file  # noqa: F401 (as the next line)
-
-    PIL.Image.init()  # what readers need is imported before a limit applies
+    PIL.Image.init()  # as the modules below: what readers need is imported before a limit applies
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     for line in sys.stdin.buffer:
         module, function, file, text, size, seconds = json.loads(line)
+        read = getattr(import_module(f"pipeline.formats.{module}"), function)
         if not (fork := os.fork()):
-            read = getattr(import_module(f"pipeline.formats.{module}"), function)
             _answer(lambda: read(Path(file), text), answers, {resource.RLIMIT_DATA: size, resource.RLIMIT_CPU: seconds})  # noqa: B023
         if status := os.waitstatus_to_exitcode(os.waitpid(fork, 0)[1]):
             os._exit(status if status > 0 else 128 - status)

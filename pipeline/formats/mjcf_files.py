@@ -53,23 +53,25 @@ def kind_of(
 def read_spec(path: Path) -> tuple[Any, list[Path]]:
     """Read an MJCF as a `MjSpec` of MuJoCo that holds all files it compiles from, every part named; return the files, this one first."""
     mujoco, files = import_mujoco(), _Files(path)
-    text = files.read(path.name)
+    text = without_mark(path.name, files.read(path.name))
     whole = files.parse(text, path.name)
-    if included := files.include(whole, ""):
-        text = tostring(whole)
-    with _no_open_files():
-        try:
-            spec = mujoco.MjSpec.from_string(text.decode())
-        except (ValueError, mujoco.FatalError) as error:  # its line is right unless files were put together
-            reason = " ".join(str(error).split())
-            raise InvalidInput(f"MuJoCo cannot read it: {reason.partition(', line')[0] if included else reason}") from error
+    files.include(whole)
+    included = len(files.paths) > 1
+    try:
+        source = (tostring(whole) if included else text).decode()
+        with _no_open_files():
+            spec = mujoco.MjSpec.from_string(source)
+    except RecursionError as error:
+        raise InvalidInput("its elements are nested too deep; no hand needs that") from error
+    except (ValueError, mujoco.FatalError) as error:
+        reason = " ".join(str(error).split())  # its line is right unless files were put together
+        raise InvalidInput(f"MuJoCo cannot read it: {reason.partition(', line')[0] if included else reason}") from error
     for kind, elements in (("body", spec.bodies), ("joint", spec.joints), ("tendon", spec.tendons), ("equality", spec.equalities)):
         for number, element in enumerate(elements):
             element.name = element.name or f"{kind}-{number}"
-    flat = (lambda name: os.path.basename(name.replace("\\", "/"))) if spec.strippath else str
     named = [(spec.meshdir, asset.file) for asset in (*spec.meshes, *spec.hfields, *spec.skins)]
     named += [(spec.texturedir, name) for texture in spec.textures for name in (texture.file, *texture.cubefiles)]
-    assets = [os.path.join(folder, flat(name)) for folder, name in named if name]
+    assets = [os.path.join(folder, os.path.basename(name) if spec.strippath else name) for folder, name in named if name]
     spec.assets = {name: files.read(name) for name in dict.fromkeys(assets)}
     return spec, files.paths
 
@@ -116,28 +118,28 @@ class _Files:
                 raise InvalidInput(f"{name} has <{element.tag}>, {REFUSED[element.tag]}")
         return root
 
-    def include(self, parent: Element, folder: str) -> bool:
-        """Put the content of files in the place of the <include> elements below an element; return whether there were any."""
-        included = False
-        for number, element in reversed([*enumerate(parent)]):
-            if element.tag != "include":
-                included |= self.include(element, folder)
-                continue
-            name = element.get("file", "").replace("\\", "/")
-            if not self._path(name).is_file() and self._path(os.path.join(folder, name)).is_file():
-                name = os.path.join(folder, name)  # in MuJoCo the folder of the main file comes first
-            if self._path(name).resolve() in self.paths:
-                raise InvalidInput(f"it includes {name!r} twice, or the file includes itself; MuJoCo includes a file once")
-            root = self.parse(self.read(name), name)
-            self.include(root, os.path.dirname(name))
-            parent[number : number + 1] = list(root)
-            included = True
-        return included
+    def include(self, whole: Element) -> None:
+        """Put the content of files in the place of <include> elements."""
+        parents = [(whole, "")]
+        for parent, folder in parents:  # grows
+            for element in parent:
+                inner = folder
+                if element.tag == "include":
+                    name = element.get("file", "").replace("\\", "/")
+                    if not self._path(name).is_file() and self._path(os.path.join(folder, name)).is_file():
+                        name = os.path.join(folder, name)  # in MuJoCo the folder of the main file comes first
+                    if self._path(name).resolve() in self.paths:
+                        raise InvalidInput(f"it includes {name!r} twice, or the file includes itself; MuJoCo includes a file once")
+                    element.extend(self.parse(self.read(name), name))
+                    inner = os.path.dirname(name)
+                parents.append((element, inner))
+        for parent, _ in reversed(parents):  # innermost first
+            parent[:] = [part for element in parent for part in (element if element.tag == "include" else [element])]
 
 
 @contextmanager
 def _no_open_files() -> Iterator[None]:
-    """Let this process open no file: whatever name MuJoCo resolves otherwise than we do."""
+    """Let no thread of this process open a file, whatever MuJoCo makes of the names in an MJCF."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))
     try:

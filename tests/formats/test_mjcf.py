@@ -12,10 +12,12 @@ import trimesh
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand, read_model
-from pipeline.formats.mjcf import read_mjcf
+from pipeline.formats.mjcf import parse_mjcf, read_mjcf
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
+from pipeline.physics.hand_urdf import write_hand_urdf
+from pipeline.physics.simulation import PhysicsClient
 
 HAND = """
 name: claw
@@ -286,6 +288,67 @@ PAIR = FINGER.format("") + '<body name="other"><joint name="k" range="0 90"/><ge
 )
 def test_what_cannot_be_read_is_named_with_the_remedy(tmp_path: Path, content: str, message: str) -> None:
     (path := tmp_path / "hand.xml").write_text(content)
-    (tmp_path.parent / "secret.stl").touch()
-    with pytest.raises(InvalidInput, match=rf"hand\.xml: .*{re.escape(message)}"):
+    with pytest.raises(InvalidInput, match=re.escape(message)):
+        parse_mjcf(path, "palm")
+
+
+def test_error_of_the_process_that_reads_names_the_file(tmp_path: Path) -> None:
+    (path := tmp_path / "hand.xml").write_text("<mujoco/>")
+    with pytest.raises(InvalidInput, match=r"hand\.xml: there is no body 'palm'; there are none at all"):
         read_mjcf(path, "palm")
+
+
+def test_meshes_beside_the_folder_are_read_where_a_package_holds_both(tmp_path: Path) -> None:
+    (path := tmp_path / "mjcf" / "hand.xml").parent.mkdir()
+    mesh = "<compiler meshdir='../meshes'/><asset><mesh name='tip' file='tip.stl'/></asset>"
+    path.write_text(BODY.format(mesh, "<geom type='mesh' mesh='tip'/>", ""))
+    (tmp_path / "meshes").mkdir()
+    trimesh.creation.box((0.1, 0.2, 0.3)).export(tmp_path / "meshes" / "tip.stl")
+    with pytest.raises(
+        InvalidInput, match=r"it names '../meshes/tip\.stl', outside .*; copy it there, or put an empty package\.xml into the"
+    ):
+        parse_mjcf(path, "palm")
+    (tmp_path / "package.xml").touch()
+    (palm,) = parse_mjcf(path, "palm").links
+    np.testing.assert_allclose(np.ptp(palm.collisions[1].mesh.vertices, axis=0), [0.1, 0.2, 0.3], atol=1e-7)
+
+
+def test_meshes_of_one_name_in_two_folders_are_two(tmp_path: Path) -> None:
+    """MuJoCo takes one for the other where contents are given to it under the names in the MJCF."""
+    names = "<mesh name='a' file='a/tip.stl'/><mesh name='b' file='b/tip.stl'/>"
+    asset, geoms = f"<compiler meshdir='m'/><asset>{names}</asset>", "<geom type='mesh' mesh='a'/><geom type='mesh' mesh='b'/>"
+    (tmp_path / "hand.xml").write_text(BODY.format(asset, geoms, ""))
+    for folder, size in (("a", 0.1), ("b", 0.2)):
+        (tmp_path / "m" / folder).mkdir(parents=True)
+        trimesh.creation.box((size, size, size)).export(tmp_path / "m" / folder / "tip.stl")
+    (palm,) = parse_mjcf(tmp_path / "hand.xml", "palm").links
+    assert [round(float(np.ptp(shape.mesh.vertices[:, 0])), 6) for shape in palm.collisions] == [0.02, 0.1, 0.2]
+
+
+def test_mujoco_opens_no_file(tmp_path: Path) -> None:
+    """A `<flexcomp>` names a file that its parser opens itself."""
+    trimesh.creation.box().export(tmp_path / "cube.obj")
+    flexcomp = f"<flexcomp name='f' type='mesh' file='{tmp_path / 'cube.obj'}' mass='1' dim='2' radius='0.01'/>"
+    content = BODY.format("", flexcomp, "")
+    mujoco.MjSpec.from_string(content)
+    (tmp_path / "hand.xml").write_text(content)
+    with pytest.raises(InvalidInput, match="MuJoCo cannot read it"):
+        parse_mjcf(tmp_path / "hand.xml", "palm")
+
+
+def test_urdf_of_an_mjcf_hand_moves_in_pybullet_as_the_hand_does(claw: Hand, tmp_path: Path) -> None:
+    client = PhysicsClient()
+    body = client.loadURDF(str(write_hand_urdf(claw, tmp_path)), useFixedBase=True)
+    angles = claw.lower + 0.7 * (claw.upper - claw.lower)
+    values = dict(zip(claw.joint_names, angles, strict=True))
+    values |= {claw.joints[follower.link - 1].name: float(follower.of(angles)) for follower in claw.followers}
+    joints = {client.getJointInfo(body, number)[1].decode(): number for number in range(client.getNumJoints(body))}
+    for name, value in values.items():
+        client.resetJointState(body, joints[name], value)
+    frames = forward_kinematics(claw, np.eye(4), angles)
+    for joint in claw.joints:
+        position, turn = client.getLinkState(body, joints[joint.name], computeForwardKinematics=True)[4:6]
+        np.testing.assert_allclose(position, frames[joint.child, :3, 3], atol=1e-6)
+        matrix = np.reshape(client.getMatrixFromQuaternion(turn), (3, 3))
+        np.testing.assert_allclose(matrix, frames[joint.child, :3, :3], atol=1e-6)
+    client.disconnect()
