@@ -12,7 +12,7 @@ import trimesh
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand, read_model
-from pipeline.formats.mjcf import parse_mjcf, read_mjcf
+from pipeline.formats.mjcf import parse_mjcf
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
@@ -76,7 +76,7 @@ MAIN = """
   <contact><exclude body1="palm" body2="left"/></contact>
   <actuator>
     <position joint="spread" kp="1" forcerange="-3 3"/>
-    <motor tendon="pull" gear="0.25" ctrlrange="-1 1"/>
+    <motor tendon="pull" gear="0.25" forcerange="-1 1"/>
     <position joint="right1" kp="1"/>
     <position joint="right2" kp="1" forcerange="-2 2"/>
   </actuator>
@@ -216,9 +216,9 @@ def test_files_that_an_mjcf_names_belong_to_the_hand(claw: Hand) -> None:
 def test_check_says_what_is_ignored(claw: Hand) -> None:
     text = "\n".join(read_model(claw.model, "palm").notes)
     for part in (
-        "grasps do without: cameras (1), lights (1), sites (1), keyframes (1), excluded contacts (1), textures (1)",
-        "equality-1 is not active: ignored",
-        "tendon pull moves left1 and left2 by one motor: the second follows the first, by -0.5",
+        "grasps do without: cameras (1), lights (1), sites (1), keys (1), excludes (1), textures (1)",
+        "equalities that are not active are ignored: equality-1",
+        "one motor moves left1 and left2 by a tendon: the second follows the first, by -0.5",
         "no actuator of the MJCF moves wrist, left-slide; here each has a motor, unless it is frozen",
     ):
         assert part in text
@@ -250,25 +250,28 @@ PAIR = FINGER.format("") + '<body name="other"><joint name="k" range="0 90"/><ge
         ),
         (
             BODY.format("", PAIR, '<equality><joint joint1="j" joint2="k" polycoef="0 1 0.5 0 0"/></equality>'),
-            'equality-0 ties joints by a curve; only lines are read: write polycoef="0 1 0 0 0"',
+            "joint equality-0 ties joints j, k; links must be a tree, in which a joint follows one other along a line",
         ),
         (
-            BODY.format("", PAIR, '<equality><connect body1="tip" body2="other" anchor="0 0 0"/></equality>'),
-            "equality-0 ties tip to other, which closes a loop, and links must be a tree",
+            BODY.format("", PAIR, '<equality><connect body1="tip" body2="other" anchor="0.1 0 0"/></equality>'),
+            "connect equality-0 ties joints j, k; links must be a tree",
         ),
         (
             BODY.format("", PAIR, '<equality><weld body1="tip" body2="other"/></equality>'),
-            "equality-0 ties tip to other, which closes a loop",
+            "weld equality-0 ties joints j, k; links must be a tree",
         ),
         (BODY.format("", "", "").replace("palm", "hand"), "there is no body 'palm'; there are hand"),
         (
             BODY.format("<extension><plugin plugin='mujoco.pid'/></extension>", "", ""),
-            "hand.xml has <plugin>, a plugin, which is code: delete it, and what uses it",
+            "hand.xml has <plugin>, which loads something else: delete it, and what uses it",
         ),
-        (BODY.format("<asset><model name='a' file='a.xml'/></asset>", "", ""), "hand.xml has <model>, another model that it attaches"),
+        (
+            BODY.format("<asset><model name='a' file='a.xml'/></asset>", "", ""),
+            "hand.xml has <model>, which loads something else: write both models as one file",
+        ),
         (BODY.format("<include file='/etc/passwd'/>", "", ""), "it names '/etc/passwd', outside"),
         (BODY.format("<include file='../hand.yaml'/>", "", ""), "it names '../hand.yaml', outside"),
-        (BODY.format("<include file='hand.xml'/>", "", ""), "it includes 'hand.xml' twice, or the file includes itself"),
+        (BODY.format("<include file='hand.xml'/>", "", ""), "MuJoCo cannot read it: "),
         (BODY.format("<include file='none.xml'/>", "", ""), "none.xml, which it names, cannot be read (No such file or directory)"),
         (BODY.format("<asset><mesh file='../../secret.stl'/></asset>", "", ""), "it names '../../secret.stl', outside"),
         (BODY.format("<compiler meshdir='/etc'/><asset><mesh file='a.stl'/></asset>", "", ""), "it names '/etc/a.stl', outside"),
@@ -293,9 +296,10 @@ def test_what_cannot_be_read_is_named_with_the_remedy(tmp_path: Path, content: s
 
 
 def test_error_of_the_process_that_reads_names_the_file(tmp_path: Path) -> None:
-    (path := tmp_path / "hand.xml").write_text("<mujoco/>")
-    with pytest.raises(InvalidInput, match=r"hand\.xml: there is no body 'palm'; there are none at all"):
-        read_mjcf(path, "palm")
+    (tmp_path / "hand.xml").write_text("<mujoco/>")
+    (tmp_path / "hand.yaml").write_text(HAND.replace("model/claw.xml", "hand.xml"))
+    with pytest.raises(InvalidInput, match=r"hand\.yaml with hand\.xml: there is no body 'palm'; there are none at all"):
+        load_hand(tmp_path / "hand.yaml")
 
 
 def test_meshes_beside_the_folder_are_read_where_a_package_holds_both(tmp_path: Path) -> None:
