@@ -17,7 +17,7 @@ from pipeline.formats.mesh_parts import MAX_FACES
 from pipeline.formats.mjcf_couplings import Couplings
 from pipeline.formats.mjcf_files import import_mujoco, read_spec, without_files
 from pipeline.formats.urdf import MAX_PARTS
-from pipeline.formats.urdf_shapes import MAX_TURN, PRIMITIVES, check_unit
+from pipeline.formats.urdf_shapes import MAX_NUMBER, MAX_TURN, PRIMITIVES, check_unit
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.geometry.transforms import compose, length, rotation_from_euler, transform_points
@@ -28,13 +28,30 @@ DIGITS = 10  # decimals of poses, m and rad
 MAX_GROUP = 2  # of geoms that MuJoCo's viewer shows unasked
 UNNEEDED = ("cameras", "lights", "sites", "sensors", "keys", "excludes", "textures", "skins", "flexes")
 """What a grasp does without, as a `MjSpec` calls it."""
+NUMBERS = (
+    "body_pos",
+    "body_mass",
+    "body_inertia",
+    "jnt_pos",
+    "jnt_range",
+    "qpos0",
+    "geom_pos",
+    "geom_size",
+    "mesh_vert",
+    "eq_data",
+    "wrap_prm",
+)
+"""Numbers of a model that are refused beyond `MAX_NUMBER`; MuJoCo takes even NaN."""
 
 
 def parse_mjcf(path: Path, root: str) -> HandModel:
     """Read the body `root` of an MJCF and the bodies below it; what holds the root is ignored. Call it by `read_within_limits`."""
     mujoco, (spec, files) = import_mujoco(), read_spec(path)
     spec.compiler.fusestatic = spec.compiler.discardvisual = spec.compiler.usethread = False  # two drop links, and what is seen
+    spec.memory = -1  # as much as all couplings need
     model = without_files("compile", spec.compile)
+    if wrong := [name for name in NUMBERS if not (np.abs(getattr(model, name)) <= MAX_NUMBER).all()]:
+        raise InvalidInput(f"it has numbers beyond {MAX_NUMBER:g}, or NaN, which MuJoCo reads as {', '.join(wrong)}")
     names = [model.body(body).name for body in range(1, model.nbody)]  # 0 is the world
     if root not in names:
         raise InvalidInput(missing_name("body", root, names))

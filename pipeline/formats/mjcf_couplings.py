@@ -28,7 +28,8 @@ class Couplings:
         self.reach: dict[int, tuple[float, float]] = {}  # rad (m), between which a position actuator can hold its joint
         self.forces: list[float] = []  # N m (N), limits of actuators
         self.notes: list[str] = []  # what is ignored, or taken otherwise
-        model.opt.jacobian, model.opt.disableflags = mujoco.mjtJacobian.mjJAC_DENSE, mujoco.mjtDisableBit.mjDSBL_CONTACT
+        model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         data = mujoco.MjData(model)
         mujoco.mj_fwdPosition(model, data)
         moments = np.zeros((model.nu, model.nv))
@@ -58,7 +59,6 @@ class Couplings:
     def _add_equality(self, equality: Any, terms: dict[int, float], residual: float) -> None:
         """Let the sum of joints' travels from rest, each times its term, be minus the residual: one joint follows, or is held."""
         ends, names = (equality.obj1id.item(), equality.obj2id.item()), {joint: self._model.joint(joint).name for joint in terms}
-        rest = {joint: self._model.joint(joint).qpos0.item() for joint in terms}
         kind = self._mujoco.mjtEq(equality.type.item()).name.removeprefix("mjEQ_").lower()
         curved = equality.data[2:5].any() and ends[1] >= 0
         straight = all(self._is_straight(kind, end) for end in ends) and not curved
@@ -68,6 +68,7 @@ class Couplings:
                 f"{kind} {equality.name} ties joints {', '.join(names.values())}; links must be a tree, in which a joint follows one "
                 'other along a line: delete it, or write <joint joint1="…" joint2="…" polycoef="… … 0 0 0"/>'
             )
+        rest = {joint: self._model.joint(joint).qpos0.item() for joint in terms}
         for joint in followers[:1]:
             leader = next((other for other in terms if other != joint), None)
             value = rest[joint] - residual / terms[joint]

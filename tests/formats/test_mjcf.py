@@ -281,6 +281,10 @@ PAIR = FINGER.format("") + '<body name="other"><joint name="k" range="0 90"/><ge
         (BODY.format("<asset><mesh file='hand.stl'/></asset>", "", ""), "hand.stl, which it names, cannot be read"),
         (BODY.format("<nothing/>", "", ""), "MuJoCo cannot read it: XML Error: Schema violation: unrecognized element"),
         (BODY.format("", "<body><joint/></body>", ""), "MuJoCo cannot compile it: "),
+        (
+            BODY.format("", FINGER.format("").replace("range", "ref='nan' range"), ""),
+            "it has numbers beyond 1e+06, or NaN, which MuJoCo reads as qpos0",
+        ),
         ("<mujoco>", "hand.xml is not XML (no element found: line 1, column 8)"),
         ('<!DOCTYPE m [<!ENTITY a SYSTEM "/etc/passwd">]><mujoco/>', "its XML declares a document type or entities"),
         (
