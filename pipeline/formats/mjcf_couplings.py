@@ -40,6 +40,11 @@ class Couplings:
             self._add_equality(model.equality(number), self._terms(row), float(residual))
         for number, terms in enumerate(actuators):
             self._add_actuator(model.actuator(number), terms)
+        tendons = {*model.actuator_trnid[model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON), 0].tolist()}
+        for ends in (model.eq_obj1id, model.eq_obj2id):
+            tendons |= {*ends[model.eq_type == int(mujoco.mjtEq.mjEQ_TENDON)].tolist()}
+        if loose := [model.tendon(tendon).name for tendon in range(model.ntendon) if tendon not in tendons]:
+            self.notes.append(f"tendons that no actuator pulls and no equality ties are ignored: {', '.join(loose)}")
         if ignored := [model.equality(number).name for number in range(model.neq) if not model.eq_active0[number]]:
             self.notes.append(f"equalities that are not active are ignored: {', '.join(ignored)}")
         moved = {joint for terms in actuators for joint in terms} | {*self.held, *self.mimics}

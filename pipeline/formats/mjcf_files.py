@@ -36,7 +36,7 @@ def import_mujoco() -> Any:
 
 def read_spec(path: Path) -> tuple[Any, list[Path]]:
     """Read an MJCF as a `MjSpec` of MuJoCo that holds all files it compiles from, every part named; return the files, this one first."""
-    files = _Files(path)
+    mujoco, files = import_mujoco(), _Files(path)
     text, includes = without_mark(path.name, files.read(path.name)), dict[str, bytes]()
     pending = [(path.name, text)]
     for name, content in pending:  # grows
@@ -45,7 +45,7 @@ def read_spec(path: Path) -> tuple[Any, list[Path]]:
             if included not in includes:  # MuJoCo refuses the second
                 includes[included] = files.read(included)
                 pending.append((included, includes[included]))
-    spec = without_files("read", lambda: import_mujoco().MjSpec.from_string(text.decode(), include=includes))
+    spec = without_files("read", lambda: mujoco.MjSpec.from_string(text.decode(), include=includes))
     for kind, elements in (("body", spec.bodies), ("joint", spec.joints), ("tendon", spec.tendons), ("equality", spec.equalities)):
         for number, element in enumerate(elements):
             element.name = element.name or f"{kind}-{number}"

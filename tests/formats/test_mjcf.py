@@ -68,7 +68,8 @@ MAIN = """
     </body>
     <body name="object" pos="0 0 1"><freejoint/><geom size="0.1"/></body>
   </worldbody>
-  <tendon><fixed name="pull"><joint joint="left1" coef="2"/><joint joint="left2" coef="-1"/></fixed></tendon>
+  <tendon><fixed name="pull"><joint joint="left1" coef="2"/><joint joint="left2" coef="-1"/></fixed>
+    <fixed name="loose" range="0 1"><joint joint="left1" coef="1"/><joint joint="spread" coef="1"/></fixed></tendon>
   <equality>
     <joint joint1="right3" joint2="right2" polycoef="0.1 0.5 0 0 0"/>
     <joint joint1="left1" joint2="spread" active="false"/>
@@ -217,6 +218,7 @@ def test_check_says_what_is_ignored(claw: Hand) -> None:
     text = "\n".join(read_model(claw.model, "palm").notes)
     for part in (
         "grasps do without: cameras (1), lights (1), sites (1), keys (1), excludes (1), textures (1)",
+        "tendons that no actuator pulls and no equality ties are ignored: loose",
         "equalities that are not active are ignored: equality-1",
         "one motor moves left1 and left2 by a tendon: the second follows the first, by -0.5",
         "no actuator of the MJCF moves wrist, left-slide; here each has a motor, unless it is frozen",
