@@ -6,7 +6,7 @@ from dataclasses import replace
 from importlib.util import cache_from_source, find_spec
 from itertools import chain
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast
 
 import numpy as np
 from pydantic import AfterValidator, AliasChoices, Field, model_validator
@@ -17,7 +17,7 @@ from pipeline.formats.description_file import description_path, read_description
 from pipeline.formats.file_cache import FileCache, Stamps, stamps_of
 from pipeline.formats.file_content import expanded
 from pipeline.formats.hand_joints import JointRoles, joint_roles, moved_links
-from pipeline.formats.mjcf import read_mjcf
+from pipeline.formats.mesh_reader import read_within_limits
 from pipeline.formats.mjcf_files import is_mjcf
 from pipeline.formats.urdf import read_urdf
 from pipeline.kernels.arrays import Array
@@ -199,7 +199,9 @@ def _read(path: Path) -> Hand:
 
 def read_model(path: Path, root: str) -> HandModel:
     """Read a URDF or an MJCF, its link `root` and those below it alone."""
-    return read_mjcf(path, root) if is_mjcf(path) else HandModel(*read_urdf(path, root))
+    if is_mjcf(path):
+        return cast(HandModel, read_within_limits("mjcf", path, root))
+    return HandModel(*read_urdf(path, root))
 
 
 def _assemble(file: HandFile, path: Path, model: Path) -> Hand:

@@ -16,7 +16,6 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import IO, Any
 
@@ -38,17 +37,16 @@ def load_mesh(file: Path, root: Path | None = None) -> Mesh:
 
     The files that it names must be below `root`, by default its folder. It is read in a process limited to `BYTES` and `SECONDS`.
     """
-    mesh: Mesh = read_within_limits("mesh_file", "parse_mesh", file, os.path.abspath(root or file.parent))
+    mesh: Mesh = read_within_limits("mesh", file, os.path.abspath(root or file.parent))
     return mesh
 
 
 def read_within_limits(
-    module: str,  # in `pipeline.formats`
-    function: str,  # takes the file and the text
+    kind: str,  # "mesh" or "mjcf"
     file: Path,
-    text: str,
+    text: str,  # the folder that a mesh's files must be below; the root of an MJCF
 ) -> Any:
-    """Call a function that reads a file, in a process limited to `BYTES` and `SECONDS`; return its value, or raise its error."""
+    """Read a file in a process limited to `BYTES` and `SECONDS`; return what its parser returns, or raise its error."""
     with _lock:
         reader = _readers.get(os.getpid())
         if reader and reader.poll() is not None:
@@ -56,7 +54,7 @@ def read_within_limits(
             reader = None
         reader = reader or _readers.setdefault(os.getpid(), _start())
         try:
-            answer = _ask(reader, module, function, file, text)
+            answer = _ask(reader, kind, file, text)
         except BaseException:  # part of an answer may be unread
             end_reader()
             raise
@@ -77,18 +75,26 @@ def serve() -> None:
     """Read the files that standard input names; end when there are no more, or with the status of a fork that failed."""
     import PIL.Image
 
-    import pipeline.formats.mesh_file  # noqa: F401 (as the next line)
-
-    PIL.Image.init()  # what readers need is imported before a limit applies
+    PIL.Image.init()  # as the modules below: what readers need is imported before a limit applies
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     for line in sys.stdin.buffer:
-        module, function, file, text, size, seconds = json.loads(line)
+        kind, file, text, size, seconds = json.loads(line)
+        read = _parser(kind)
         if not (fork := os.fork()):
-            read = getattr(import_module(f"pipeline.formats.{module}"), function)
             _answer(lambda: read(Path(file), text), answers, {resource.RLIMIT_DATA: size, resource.RLIMIT_CPU: seconds})  # noqa: B023
         if status := os.waitstatus_to_exitcode(os.waitpid(fork, 0)[1]):
             os._exit(status if status > 0 else 128 - status)
+
+
+def _parser(kind: str) -> Callable[[Path, str], Any]:
+    if kind == "mjcf":
+        from pipeline.formats.mjcf import parse_mjcf
+
+        return parse_mjcf
+    from pipeline.formats.mesh_file import parse_mesh
+
+    return parse_mesh
 
 
 def _answer(read: Callable[[], Any], answers: IO[bytes], limits: dict[int, int]) -> None:
@@ -131,11 +137,11 @@ def _start() -> subprocess.Popen[bytes]:
     )
 
 
-def _ask(reader: subprocess.Popen[bytes], module: str, function: str, file: Path, text: str) -> Any:
+def _ask(reader: subprocess.Popen[bytes], kind: str, file: Path, text: str) -> Any:
     if reader.stdin is None or reader.stdout is None:
         raise ValueError("a reader without pipes")
     try:
-        reader.stdin.write(json.dumps([module, function, os.path.abspath(file), text, BYTES, SECONDS]).encode() + b"\n")
+        reader.stdin.write(json.dumps([kind, os.path.abspath(file), text, BYTES, SECONDS]).encode() + b"\n")
         reader.stdin.flush()
         return pickle.load(reader.stdout)
     except (BrokenPipeError, EOFError, pickle.UnpicklingError):  # it ended before, or in, its answer

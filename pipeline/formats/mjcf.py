@@ -14,11 +14,10 @@ from numpy.typing import ArrayLike
 
 from pipeline.errors import InvalidInput, missing_name
 from pipeline.formats.mesh_parts import MAX_FACES
-from pipeline.formats.mesh_reader import read_within_limits
 from pipeline.formats.mjcf_couplings import Couplings
-from pipeline.formats.mjcf_files import compile_spec, import_mujoco, kind_of, read_spec
-from pipeline.formats.urdf import MAX_PARTS, refuse_namesakes
-from pipeline.formats.urdf_shapes import MAX_TURN, PRIMITIVES, check_unit
+from pipeline.formats.mjcf_files import import_mujoco, read_spec, without_files
+from pipeline.formats.urdf import MAX_PARTS
+from pipeline.formats.urdf_shapes import MAX_NUMBER, MAX_TURN, PRIMITIVES, check_unit
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.geometry.transforms import compose, length, rotation_from_euler, transform_points
@@ -27,34 +26,32 @@ from pipeline.kernels.hand.model import HandModel, Inertial, Joint, Link, Shape
 
 DIGITS = 10  # decimals of poses, m and rad
 MAX_GROUP = 2  # of geoms that MuJoCo's viewer shows unasked
-UNNEEDED = {
-    "cameras": "ncam",
-    "lights": "nlight",
-    "sites": "nsite",
-    "sensors": "nsensor",
-    "keyframes": "nkey",
-    "excluded contacts": "nexclude",
-    "textures": "ntex",
-    "skins": "nskin",
-    "flexible bodies": "nflex",
-}
-"""What a grasp does without, and its count in a MuJoCo model."""
-
-
-def read_mjcf(path: Path, root: str) -> HandModel:
-    """Read the links and joints of an MJCF, as `parse_mjcf`, in a process limited in memory and time."""
-    try:
-        model: HandModel = read_within_limits("mjcf", "parse_mjcf", path, root)
-        return model
-    except InvalidInput as error:
-        raise InvalidInput(f"{path}: {error}") from error
+UNNEEDED = ("cameras", "lights", "sites", "sensors", "keys", "excludes", "textures", "skins", "flexes")
+"""What a grasp does without, as a `MjSpec` calls it."""
+NUMBERS = (
+    "body_pos",
+    "body_mass",
+    "body_inertia",
+    "jnt_pos",
+    "jnt_range",
+    "qpos0",
+    "geom_pos",
+    "geom_size",
+    "mesh_vert",
+    "eq_data",
+    "wrap_prm",
+)
+"""Numbers of a model that are refused beyond `MAX_NUMBER`; MuJoCo takes even NaN."""
 
 
 def parse_mjcf(path: Path, root: str) -> HandModel:
-    """Read the body `root` of an MJCF and the bodies below it, in this process; what holds the root is ignored."""
-    spec, files = read_spec(path)
-    spec.compiler.fusestatic = spec.compiler.discardvisual = False  # they would drop links and what is seen
-    model = compile_spec(spec)
+    """Read the body `root` of an MJCF and the bodies below it; what holds the root is ignored. Call it by `read_within_limits`."""
+    mujoco, (spec, files) = import_mujoco(), read_spec(path)
+    spec.compiler.fusestatic = spec.compiler.discardvisual = spec.compiler.usethread = False  # two drop links, and what is seen
+    spec.memory = -1  # as much as all couplings need
+    model = without_files("compile", spec.compile)
+    if wrong := [name for name in NUMBERS if not (np.abs(getattr(model, name)) <= MAX_NUMBER).all()]:
+        raise InvalidInput(f"it has numbers beyond {MAX_NUMBER:g}, or NaN, which MuJoCo reads as {', '.join(wrong)}")
     names = [model.body(body).name for body in range(1, model.nbody)]  # 0 is the world
     if root not in names:
         raise InvalidInput(missing_name("body", root, names))
@@ -64,19 +61,24 @@ def parse_mjcf(path: Path, root: str) -> HandModel:
     parts = sum(int(model.body_jntnum[body] + model.body_geomnum[body]) + 1 for body in bodies)
     if parts > MAX_PARTS:
         raise InvalidInput(f"it has {parts} bodies, joints and geoms, {MAX_PARTS} are the most")
-    hinges = model.jnt_type == int(import_mujoco().mjtJoint.mjJNT_HINGE)
-    turns = model.jnt_range[hinges & (model.jnt_limited > 0) & np.isin(model.jnt_bodyid, bodies[1:])]
+    joints = np.flatnonzero(np.isin(model.jnt_bodyid, bodies[1:]))
+    turns = model.jnt_range[[joint for joint in joints if model.jnt_type[joint] == int(mujoco.mjtJoint.mjJNT_HINGE)]]
     if spec.compiler.degree and 0 < np.abs(turns).max(initial=0.0) < np.radians(MAX_TURN):
         raise InvalidInput('all joints turn by less than 6.3°; are angles in radians? Then write <compiler angle="radian"/>')
-    couplings = Couplings(model, frozenset(bodies))
+    couplings = Couplings(model, joints.tolist())
     reader = _Reader(model, couplings)
     for body in bodies:
         reader.add(model.body(body))
-    refuse_namesakes("link", [link.name for link in reader.links])
-    refuse_namesakes("joint", [joint.name for joint in reader.joints])
-    unneeded = ", ".join(f"{name} ({count})" for name, attribute in UNNEEDED.items() if (count := getattr(model, attribute)))
+    unneeded = ", ".join(f"{name} ({count})" for name in UNNEEDED if (count := len(getattr(spec, name))))
     notes = [f"the MJCF has what grasps do without: {unneeded}"] if unneeded else []
-    return HandModel(tuple(reader.links), tuple(reader.joints), tuple(files[1:]), (*notes, *couplings.notes), couplings.least_force)
+    torque = min((force for force in couplings.forces if np.isfinite(force)), default=None)
+    return HandModel(tuple(reader.links), tuple(reader.joints), tuple(files[1:]), (*notes, *couplings.notes), torque)
+
+
+def _kind(enumeration: str, number: Array) -> str:  # (1,)
+    """Name a value of an enumeration of MuJoCo's: 3 of `mjtJoint` is "hinge"."""
+    name: str = getattr(import_mujoco(), enumeration)(number.item()).name
+    return name.partition("_")[2].lower()
 
 
 class _Reader:
@@ -115,7 +117,7 @@ class _Reader:
     def _joint(self, joint: Any, parent: int, origin: Array) -> Joint:
         """Read a joint. Its value is MuJoCo's, which is `ref` where the body is as the file says."""
         kinds = {"hinge": "revolute" if joint.limited else "continuous", "slide": "prismatic"}
-        kind = kinds.get(kind_of("mjtJoint", joint.type))
+        kind = kinds.get(_kind("mjtJoint", joint.type))
         if kind is None:
             raise InvalidInput(f"joint {joint.name} is a ball joint; write three hinges in its place")
         mimic, held = self._couplings.mimics.get(joint.id), self._couplings.held.get(joint.id)
@@ -141,7 +143,7 @@ class _Reader:
         """Read what is seen of a body, and what collides: if nothing is there for the eye alone, what collides is seen."""
         model = self._model
         numbers = range(body.geomadr.item(), body.geomadr.item() + body.geomnum.item())
-        geoms = [geom for geom in map(model.geom, numbers) if kind_of("mjtGeom", geom.type) not in ("plane", "hfield")]
+        geoms = [geom for geom in map(model.geom, numbers) if _kind("mjtGeom", geom.type) not in ("plane", "hfield")]
         paired = {*model.pair_geom1.tolist(), *model.pair_geom2.tolist()}
         colliding = [geom.id for geom in geoms if geom.contype or geom.conaffinity or geom.id in paired]
         shown = [geom.id for geom in geoms if geom.group <= MAX_GROUP and self._color(geom)[3] > 0]
@@ -152,7 +154,7 @@ class _Reader:
     def _shape(self, geom: Any) -> Shape:
         from trimesh import creation
 
-        kind, sizes = kind_of("mjtGeom", geom.type), geom.size  # MuJoCo's are halves
+        kind, sizes = _kind("mjtGeom", geom.type), geom.size  # MuJoCo's are halves
         pose, rpy = _rounded(_pose(geom.pos, geom.quat))
         size: tuple[float, ...] = (1.0, 1.0, 1.0)
         if kind in PRIMITIVES:

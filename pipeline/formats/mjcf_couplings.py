@@ -1,131 +1,101 @@
-"""The couplings of an MJCF's joints: equalities of joints and of fixed tendons, and motors that pull several joints by one tendon."""
+"""The couplings of an MJCF's joints, from MuJoCo's Jacobians: rows of its equalities, and moments of its actuators."""
 
-from collections.abc import Sequence
+from collections.abc import Collection
 from typing import Any
 
+import numpy as np
+
 from pipeline.errors import InvalidInput
-from pipeline.formats.mjcf_files import kind_of
+from pipeline.formats.mjcf_files import import_mujoco
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.hand.model import Mimic
 
-Terms = dict[int, float]
-"""A sum over joints: the coefficient of each joint's travel from rest, by its number."""
-UNLIMITED = float("inf")
+ROUNDED = 1e-12  # of a coefficient that is 0
 
 
 class Couplings:
-    """What ties the joints of a hand, by their numbers: joints that follow another one, and joints that are held at a value."""
+    """What moves the joints of a hand, by their numbers: joints that follow another one, that are held, and their motors."""
 
     def __init__(
         self,
-        model: Any,  # compiled
-        bodies: frozenset[int],  # of the hand, its root the first
+        model: Any,  # compiled; its options are changed
+        joints: Collection[int],  # of the hand
     ) -> None:
-        self._model, self._bodies = model, bodies
-        self._joints = {joint for joint in range(model.njnt) if model.jnt_bodyid[joint] in bodies - {min(bodies)}}
+        mujoco = self._mujoco = import_mujoco()
+        self._model, self._joints = model, set(joints)
         self.mimics: dict[int, Mimic] = {}
-        self.held: Terms = {}
+        self.held: dict[int, float] = {}  # rad (m)
+        self.reach: dict[int, tuple[float, float]] = {}  # rad (m), between which a position actuator can hold its joint
+        self.forces: list[float] = []  # N m (N), limits of actuators
         self.notes: list[str] = []  # what is ignored, or taken otherwise
-        self._forces: Terms = {}  # of joints that actuators move, N m (N)
-        self._driven: set[int] = set()  # joints with actuators of their own
-        self.reach: dict[int, tuple[float, float]] = {}  # values between which such an actuator can hold its joint, rad (m)
-        self._tendons = [self._tendon_terms(tendon) for tendon in range(model.ntendon)]
-        pulled = [tendon for actuator in range(model.nu) for tendon in self._add_actuator(model.actuator(actuator))]
-        tied = [tendon for number in range(model.neq) for tendon in self._add_equality(model.equality(number))]
-        for tendon in pulled:
-            self._add_pulled(tendon)
-        if loose := [model.tendon(tendon).name for tendon in range(model.ntendon) if tendon not in tied and tendon not in pulled]:
-            self.notes.append(f"tendons that couple nothing are ignored: {', '.join(loose)}")
-        if idle := sorted(self._joints - {*self._forces, *self.held, *self.mimics}):
-            names = ", ".join(model.joint(joint).name for joint in idle)
-            self.notes.append(f"no actuator of the MJCF moves {names}; here each has a motor, unless it is frozen")
+        model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+        data = mujoco.MjData(model)
+        mujoco.mj_fwdPosition(model, data)
+        moments = np.zeros((model.nu, model.nv))
+        mujoco.mju_sparse2dense(moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
+        actuators = [self._terms(row) for row in moments]
+        self._driven = {joint for terms in actuators for joint in terms if len(terms) == 1}
+        for number, residual, row in zip(data.efc_id[: data.ne], data.efc_pos, data.efc_J.reshape(-1, max(model.nv, 1)), strict=False):
+            self._add_equality(model.equality(number), self._terms(row), float(residual))
+        for number, terms in enumerate(actuators):
+            self._add_actuator(model.actuator(number), terms)
+        tendons = {*model.actuator_trnid[model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON), 0].tolist()}
+        for ends in (model.eq_obj1id, model.eq_obj2id):
+            tendons |= {*ends[model.eq_type == int(mujoco.mjtEq.mjEQ_TENDON)].tolist()}
+        if loose := [model.tendon(tendon).name for tendon in range(model.ntendon) if tendon not in tendons]:
+            self.notes.append(f"tendons that no actuator pulls and no equality ties are ignored: {', '.join(loose)}")
+        if ignored := [model.equality(number).name for number in range(model.neq) if not model.eq_active0[number]]:
+            self.notes.append(f"equalities that are not active are ignored: {', '.join(ignored)}")
+        moved = {joint for terms in actuators for joint in terms} | {*self.held, *self.mimics}
+        if idle := [model.joint(joint).name for joint in sorted(self._joints - moved)]:
+            self.notes.append(f"no actuator of the MJCF moves {', '.join(idle)}; here each has a motor, unless it is frozen")
 
-    @property
-    def least_force(self) -> float | None:
-        """The least limit of the hand's motors, N m (N); None if they have none."""
-        return min((self._forces[joint] for joint in self._joints & {*self._forces} if self._forces[joint] < UNLIMITED), default=None)
+    def _terms(self, row: Array) -> dict[int, float]:  # (nv,) of a Jacobian
+        """List the coefficients of the hand's joints."""
+        terms = {int(self._model.dof_jntid[dof]): float(row[dof]) for dof in np.flatnonzero(np.abs(row) > ROUNDED)}
+        return terms if self._joints & {*terms} else {}
 
-    def _tendon_terms(self, tendon: int) -> Terms:
-        """List the joints of a fixed tendon; a spatial one has none."""
-        model = self._model
-        wraps = range(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
-        fixed = [wrap for wrap in wraps if kind_of("mjtWrap", model.wrap_type[wrap]) == "joint"]
-        return {int(model.wrap_objid[wrap]): float(model.wrap_prm[wrap]) for wrap in fixed}
+    def _is_straight(self, kind: str, number: int) -> bool:
+        """Check whether a joint, or a tendon, or none (-1) has a constant Jacobian: a spatial tendon has not."""
+        wrap = self._model.wrap_type[self._model.tendon_adr[number]] if kind == "tendon" and number >= 0 else None
+        return kind in ("joint", "tendon") and (wrap is None or wrap == int(self._mujoco.mjtWrap.mjWRAP_JOINT))
 
-    def _add_actuator(self, actuator: Any) -> list[int]:
-        """Note which joints an actuator moves, and its limit: its own, or of a motor its largest control; return the tendon it pulls."""
-        kind, target, force = kind_of("mjtTrn", actuator.trntype), int(actuator.trnid[0]), UNLIMITED
-        if actuator.forcelimited:
-            force = abs(actuator.forcerange).max()
-        elif actuator.ctrllimited and kind_of("mjtBias", actuator.biastype) == "none":
-            force = abs(actuator.gainprm[0] * actuator.ctrlrange).max()
-        if kind == "joint" and actuator.ctrllimited and actuator.biasprm[1] < 0 and actuator.gear[0]:  # to a position
-            ends = (actuator.gainprm[0] * actuator.ctrlrange + actuator.biasprm[0]) / -actuator.biasprm[1] / actuator.gear[0]
-            self.reach[target] = min(ends), max(ends)
-        terms = {target: 1.0} if kind in ("joint", "jointinparent") else self._tendons[target] if kind == "tendon" else {}
-        self._driven |= set(terms) if kind != "tendon" else set()
+    def _add_equality(self, equality: Any, terms: dict[int, float], residual: float) -> None:
+        """Let the sum of joints' travels from rest, each times its term, be minus the residual: one joint follows, or is held."""
+        ends, names = (equality.obj1id.item(), equality.obj2id.item()), {joint: self._model.joint(joint).name for joint in terms}
+        kind = self._mujoco.mjtEq(equality.type.item()).name.removeprefix("mjEQ_").lower()
+        curved = equality.data[2:5].any() and ends[1] >= 0
+        straight = all(self._is_straight(kind, end) for end in ends) and not curved
+        followers = sorted({*terms} - {*self.mimics, *self.held}, key=lambda joint: (joint in self._driven, joint != ends[0], -joint))
+        if terms and not (straight and len(terms) < 3 and followers):
+            raise InvalidInput(
+                f"{kind} {equality.name} ties joints {', '.join(names.values())}; links must be a tree, in which a joint follows one "
+                'other along a line: delete it, or write <joint joint1="…" joint2="…" polycoef="… … 0 0 0"/>'
+            )
+        rest = {joint: self._model.joint(joint).qpos0.item() for joint in terms}
+        for joint in followers[:1]:
+            leader = next((other for other in terms if other != joint), None)
+            value = rest[joint] - residual / terms[joint]
+            if leader is None:
+                self.held[joint] = value
+            else:
+                slope = -terms[leader] / terms[joint]
+                self.mimics[joint] = Mimic(names[leader], slope, value - slope * rest[leader])
+
+    def _add_actuator(self, actuator: Any, terms: dict[int, float]) -> None:
+        """Read what an actuator does: joints that it pulls by a tendon move in proportion, unless they have a motor or a leader."""
+        model, force = self._model, float(np.abs(actuator.forcerange).max()) if actuator.forcelimited else np.inf
         for joint, coefficient in terms.items():
-            own = abs(self._model.jnt_actfrcrange[joint]).max() if self._model.jnt_actfrclimited[joint] else UNLIMITED
-            limits = (self._forces.get(joint, UNLIMITED), own, abs(coefficient * actuator.gear[0]) * force)
-            self._forces[joint] = float(min(limits))
-        return [target] if kind == "tendon" and terms else []
-
-    def _add_equality(self, equality: Any) -> list[int]:
-        """Read an equality; return the tendons that it ties."""
-        kind, ends = kind_of("mjtEq", equality.type), [equality.obj1id.item(), equality.obj2id.item()]
-        if not equality.active0:
-            self.notes.append(f"{equality.name} is not active: ignored")
-        elif kind in ("joint", "tendon"):
-            one, other = ({} if end < 0 else {end: 1.0} if kind == "joint" else self._tendons[end] for end in ends)
-            constant, slope, *curve = equality.data[:5].tolist()
-            if not self._joints & {*one, *other}:
-                return []
-            if not one or (ends[1] >= 0 and not other):
-                raise InvalidInput(f"{equality.name} ties a spatial tendon; tie joints, or tendons of the kind <fixed>")
-            if other and any(curve):
-                line = f'polycoef="{constant:g} {slope:g} 0 0 0"'
-                raise InvalidInput(f"{equality.name} ties joints by a curve; only lines are read: write {line}")
-            terms = {joint: one.get(joint, 0.0) - slope * other.get(joint, 0.0) for joint in {**one, **other}}
-            self._tie(equality.name, terms, constant, [*one] if kind == "joint" else [])
-            return ends if kind == "tendon" else []
-        else:
-            self._refuse_loop(equality, ends)
-        return []
-
-    def _refuse_loop(self, equality: Any, ends: Sequence[int]) -> None:
-        on_sites = kind_of("mjtObj", self._model.eq_objtype[equality.id]) == "site"
-        bodies = {int(self._model.site_bodyid[end]) if on_sites else end for end in ends}
-        if bodies <= self._bodies:
-            first, second = (self._model.body(body).name for body in bodies)
-            remedy = "in its place, let one joint follow another: <joint joint1=… joint2=… polycoef=…/>"
-            raise InvalidInput(f"{equality.name} ties {first} to {second}, which closes a loop, and links must be a tree; {remedy}")
-        if bodies & self._bodies:
-            self.notes.append(f"{equality.name} ties the hand to something else: ignored")
-
-    def _add_pulled(self, tendon: int) -> None:
-        """Let the joints that one motor pulls by a tendon move in proportion; those that have their own motor or leader do not."""
-        model, name, terms = self._model, self._model.tendon(tendon).name, self._tendons[tendon]
-        leader, *rest = [
-            joint for joint in terms if joint in self._joints - self._driven and terms[joint] and joint not in self.mimics
-        ] or [-1]
-        for joint in rest:
-            slope = terms[joint] / terms[leader]
-            self._tie(name, {joint: 1.0, leader: -slope}, 0.0, [joint])
-            pair = f"{model.joint(leader).name} and {model.joint(joint).name}"
-            self.notes.append(f"tendon {name} moves {pair} by one motor: the second follows the first, by {slope:g}")
-
-    def _tie(self, what: str, terms: Terms, constant: float, followers: Sequence[int]) -> None:
-        """Let the sum `terms` be constant: of two joints one follows the other, rather one without a motor, then one of `followers`."""
-        model, terms = self._model, {joint: coefficient for joint, coefficient in terms.items() if coefficient}
-        names = {joint: model.joint(joint).name for joint in terms}
-        rest = {joint: model.joint(joint).qpos0.item() for joint in terms}
-        if len(terms) == 1:
-            self.held |= {joint: rest[joint] + constant / coefficient for joint, coefficient in terms.items()}
-            return
-        order = sorted(terms, key=lambda joint: (joint in self._driven, joint not in followers, -joint))
-        free = [joint for joint in order if joint not in self.mimics]
-        if len(terms) != 2 or not free:
-            raise InvalidInput(f"{what} ties joints {', '.join(names.values())}; a joint can follow one other: delete what ties them")
-        follower = free[0]
-        (leader,) = set(terms) - {follower}
-        slope = -terms[leader] / terms[follower]
-        self.mimics[follower] = Mimic(names[leader], slope, rest[follower] + constant / terms[follower] - slope * rest[leader])
+            own = np.abs(model.jnt_actfrcrange[joint]).max() if model.jnt_actfrclimited[joint] else np.inf
+            self.forces.append(float(min(abs(coefficient) * force, own)))
+            if len(terms) == 1 and actuator.ctrllimited and actuator.biasprm[1] < 0:  # it moves to a position
+                ends = (actuator.gainprm[0] * actuator.ctrlrange + actuator.biasprm[0]) / -actuator.biasprm[1] / coefficient
+                self.reach[joint] = min(ends), max(ends)
+        pulled = [joint for joint in terms if joint in self._joints - self._driven - {*self.mimics}]
+        if actuator.trntype == int(self._mujoco.mjtTrn.mjTRN_TENDON) and self._is_straight("tendon", actuator.trnid[0]):
+            for joint in pulled[1:]:
+                leader, slope = model.joint(pulled[0]), terms[joint] / terms[pulled[0]]
+                self.mimics[joint] = Mimic(leader.name, slope, model.joint(joint).qpos0.item() - slope * leader.qpos0.item())
+                pair = f"{leader.name} and {model.joint(joint).name}"
+                self.notes.append(f"one motor moves {pair} by a tendon: the second follows the first, by {slope:g}")

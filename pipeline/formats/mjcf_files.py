@@ -3,32 +3,25 @@
 import os
 import re
 import resource
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element, tostring
+from xml.etree.ElementTree import Element
 from xml.parsers import expat
-
-import numpy as np
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import PROLOGUE, parse_xml, read_file, without_mark
 from pipeline.formats.mesh_companions import MAX_BYTES
-from pipeline.formats.urdf import MAX_BYTES as MAX_XML
 from pipeline.formats.urdf_shapes import REMEDY, is_below, package_around
 
 INSTALL = "reading MJCF needs MuJoCo; `pip install -c constraints.txt -e '.[mujoco]'` installs it (20 MB)"
-REFUSED = {
-    "plugin": "a plugin, which is code: delete it, and what uses it",
-    "model": "another model that it attaches: write both as one file, with `MjSpec.to_xml` of MuJoCo",
-}
-"""Elements that are refused wherever they are, what they are, and the remedy."""
+REFUSED = {"plugin": "delete it, and what uses it", "model": "write both models as one file, with MuJoCo's `MjSpec.to_xml`"}
+"""Elements that load code or another model, and the remedy."""
 
 
 def is_mjcf(path: Path) -> bool:
     """Check whether the first element of a file is that of an MJCF."""
-    return re.match(PROLOGUE + rb"<mujoco(include)?\b", without_mark(path, read_file(path, MAX_XML)), re.DOTALL) is not None
+    return re.match(PROLOGUE + rb"<mujoco\b", without_mark(path, read_file(path, MAX_BYTES)), re.DOTALL) is not None
 
 
 def import_mujoco() -> Any:
@@ -41,48 +34,48 @@ def import_mujoco() -> Any:
     return mujoco
 
 
-def kind_of(
-    enumeration: str,
-    number: Any,  # or an array of one
-) -> str:
-    """Name a value of an enumeration of MuJoCo's: 3 of `mjtJoint` is "hinge"."""
-    name: str = getattr(import_mujoco(), enumeration)(np.asarray(number).item()).name
-    return name.partition("_")[2].lower()
-
-
 def read_spec(path: Path) -> tuple[Any, list[Path]]:
     """Read an MJCF as a `MjSpec` of MuJoCo that holds all files it compiles from, every part named; return the files, this one first."""
     mujoco, files = import_mujoco(), _Files(path)
-    text = files.read(path.name)
-    whole = files.parse(text, path.name)
-    if included := files.include(whole, ""):
-        text = tostring(whole)
-    with _no_open_files():
-        try:
-            spec = mujoco.MjSpec.from_string(text.decode())
-        except (ValueError, mujoco.FatalError) as error:  # its line is right unless files were put together
-            reason = " ".join(str(error).split())
-            raise InvalidInput(f"MuJoCo cannot read it: {reason.partition(', line')[0] if included else reason}") from error
+    text, includes = without_mark(path.name, files.read(path.name)), dict[str, bytes]()
+    pending = [(path.name, text)]
+    for name, content in pending:  # grows
+        for element in _parse(content, name).iter("include"):
+            included = files.find(element.get("file", ""), os.path.dirname(name))
+            if included not in includes:  # MuJoCo refuses the second
+                includes[included] = files.read(included)
+                pending.append((included, includes[included]))
+    spec = without_files("read", lambda: mujoco.MjSpec.from_string(text.decode(), include=includes))
     for kind, elements in (("body", spec.bodies), ("joint", spec.joints), ("tendon", spec.tendons), ("equality", spec.equalities)):
         for number, element in enumerate(elements):
             element.name = element.name or f"{kind}-{number}"
-    flat = (lambda name: os.path.basename(name.replace("\\", "/"))) if spec.strippath else str
     named = [(spec.meshdir, asset.file) for asset in (*spec.meshes, *spec.hfields, *spec.skins)]
     named += [(spec.texturedir, name) for texture in spec.textures for name in (texture.file, *texture.cubefiles)]
-    assets = [os.path.join(folder, flat(name)) for folder, name in named if name]
+    assets = [os.path.join(folder, os.path.basename(name) if spec.strippath else name) for folder, name in named if name]
     spec.assets = {name: files.read(name) for name in dict.fromkeys(assets)}
     return spec, files.paths
 
 
-def compile_spec(spec: Any) -> Any:
-    """Compile what `read_spec` read."""
-    mujoco = import_mujoco()
-    spec.compiler.usethread = False
-    with _no_open_files():
-        try:
-            return spec.compile()
-        except (ValueError, mujoco.FatalError) as error:
-            raise InvalidInput(f"MuJoCo cannot compile it: {' '.join(str(error).split())}") from error
+def without_files(verb: str, call: Callable[[], Any]) -> Any:
+    """Call MuJoCo while no thread of this process can open a file, whatever it makes of the names in an MJCF."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))
+    try:
+        return call()
+    except (ValueError, import_mujoco().FatalError) as error:
+        raise InvalidInput(f"MuJoCo cannot {verb} it: {' '.join(str(error).split())}") from error
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def _parse(content: bytes, name: str) -> Element:
+    try:
+        root = parse_xml(without_mark(name, content))
+    except expat.ExpatError as error:
+        raise InvalidInput(f"{name} is not XML ({error})") from error
+    for tag in (element.tag for element in root.iter() if element.tag in REFUSED):
+        raise InvalidInput(f"{name} has <{tag}>, which loads something else: {REFUSED[tag]}")
+    return root
 
 
 class _Files:
@@ -94,53 +87,16 @@ class _Files:
         self._left = MAX_BYTES
         self.paths: list[Path] = []
 
+    def find(self, name: str, folder: str) -> str:
+        """Find an included file, as MuJoCo does: from the folder of the MJCF, then from that of the file that includes it."""
+        beside = os.path.join(folder, name)
+        return beside if (self._folder / beside).is_file() and not (self._folder / name).is_file() else name
+
     def read(self, name: str) -> bytes:
-        path = self._path(name)
+        path = self._folder / name.replace("\\", "/")
         if not is_below(path, self._package):
             raise InvalidInput(f"it names {name!r}, outside {self._package}, the folder of its files; {REMEDY}")
         content = read_file(path, self._left, f"{name}, which it names,")
         self._left -= len(content)
         self.paths.append(path.resolve())
         return content
-
-    def _path(self, name: str) -> Path:
-        return self._folder / name.replace("\\", "/")
-
-    def parse(self, content: bytes, name: str) -> Element:
-        try:
-            root = parse_xml(without_mark(name, content))
-        except expat.ExpatError as error:
-            raise InvalidInput(f"{name} is not XML ({error})") from error
-        for element in root.iter():
-            if element.tag in REFUSED:
-                raise InvalidInput(f"{name} has <{element.tag}>, {REFUSED[element.tag]}")
-        return root
-
-    def include(self, parent: Element, folder: str) -> bool:
-        """Put the content of files in the place of the <include> elements below an element; return whether there were any."""
-        included = False
-        for number, element in reversed([*enumerate(parent)]):
-            if element.tag != "include":
-                included |= self.include(element, folder)
-                continue
-            name = element.get("file", "").replace("\\", "/")
-            if not self._path(name).is_file() and self._path(os.path.join(folder, name)).is_file():
-                name = os.path.join(folder, name)  # in MuJoCo the folder of the main file comes first
-            if self._path(name).resolve() in self.paths:
-                raise InvalidInput(f"it includes {name!r} twice, or the file includes itself; MuJoCo includes a file once")
-            root = self.parse(self.read(name), name)
-            self.include(root, os.path.dirname(name))
-            parent[number : number + 1] = list(root)
-            included = True
-        return included
-
-
-@contextmanager
-def _no_open_files() -> Iterator[None]:
-    """Let this process open no file: whatever name MuJoCo resolves otherwise than we do."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))

@@ -6,7 +6,7 @@ processor's, and with them every pose that follows.
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -41,7 +41,9 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
     robot = parse_urdf(path)
     try:
         for kind in ("link", "joint"):  # hand files and physics name them
-            refuse_namesakes(kind, [element.get("name", "") for element in robot.findall(kind)])
+            counts = Counter(element.get("name", "") for element in robot.findall(kind))
+            if twice := [name for name, count in counts.items() if name and count > 1]:
+                raise InvalidInput(f"it has {counts[twice[0]]} {kind}s called {twice[0]!r}; rename all but one")
         names, joints = _tree(robot, root)
         materials = _materials(robot)
         named = {_name(element): element for element in robot.findall("link")}
@@ -54,13 +56,6 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
         return links, tuple(_joint(joint, numbers) for joint in joints)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from error
-
-
-def refuse_namesakes(kind: str, names: Iterable[str]) -> None:
-    """Refuse links or joints of one name."""
-    counts = Counter(names)
-    if twice := [name for name, count in counts.items() if name and count > 1]:
-        raise InvalidInput(f"it has {counts[twice[0]]} {kind}s called {twice[0]!r}; rename all but one")
 
 
 def _materials(robot: Element) -> dict[str, Color]:

@@ -81,8 +81,7 @@ def test_reader_prints_nothing_when_the_process_that_asked_ends(tmp_path: Path, 
     assert reader.stdin
     assert reader.stdout
     reader.stdin.write(
-        json.dumps(["mesh_file", "parse_mesh", str(tmp_path / "ball.ply"), str(tmp_path), mesh_reader.BYTES, mesh_reader.SECONDS]).encode()
-        + b"\n"
+        json.dumps(["mesh", str(tmp_path / "ball.ply"), str(tmp_path), mesh_reader.BYTES, mesh_reader.SECONDS]).encode() + b"\n"
     )
     reader.stdin.close()
     reader.stdout.close()

@@ -12,10 +12,12 @@ import trimesh
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand, read_model
-from pipeline.formats.mjcf import read_mjcf
+from pipeline.formats.mjcf import parse_mjcf
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
+from pipeline.physics.hand_urdf import write_hand_urdf
+from pipeline.physics.simulation import PhysicsClient
 
 HAND = """
 name: claw
@@ -66,7 +68,8 @@ MAIN = """
     </body>
     <body name="object" pos="0 0 1"><freejoint/><geom size="0.1"/></body>
   </worldbody>
-  <tendon><fixed name="pull"><joint joint="left1" coef="2"/><joint joint="left2" coef="-1"/></fixed></tendon>
+  <tendon><fixed name="pull"><joint joint="left1" coef="2"/><joint joint="left2" coef="-1"/></fixed>
+    <fixed name="loose" range="0 1"><joint joint="left1" coef="1"/><joint joint="spread" coef="1"/></fixed></tendon>
   <equality>
     <joint joint1="right3" joint2="right2" polycoef="0.1 0.5 0 0 0"/>
     <joint joint1="left1" joint2="spread" active="false"/>
@@ -74,7 +77,7 @@ MAIN = """
   <contact><exclude body1="palm" body2="left"/></contact>
   <actuator>
     <position joint="spread" kp="1" forcerange="-3 3"/>
-    <motor tendon="pull" gear="0.25" ctrlrange="-1 1"/>
+    <motor tendon="pull" gear="0.25" forcerange="-1 1"/>
     <position joint="right1" kp="1"/>
     <position joint="right2" kp="1" forcerange="-2 2"/>
   </actuator>
@@ -214,9 +217,10 @@ def test_files_that_an_mjcf_names_belong_to_the_hand(claw: Hand) -> None:
 def test_check_says_what_is_ignored(claw: Hand) -> None:
     text = "\n".join(read_model(claw.model, "palm").notes)
     for part in (
-        "grasps do without: cameras (1), lights (1), sites (1), keyframes (1), excluded contacts (1), textures (1)",
-        "equality-1 is not active: ignored",
-        "tendon pull moves left1 and left2 by one motor: the second follows the first, by -0.5",
+        "grasps do without: cameras (1), lights (1), sites (1), keys (1), excludes (1), textures (1)",
+        "tendons that no actuator pulls and no equality ties are ignored: loose",
+        "equalities that are not active are ignored: equality-1",
+        "one motor moves left1 and left2 by a tendon: the second follows the first, by -0.5",
         "no actuator of the MJCF moves wrist, left-slide; here each has a motor, unless it is frozen",
     ):
         assert part in text
@@ -248,25 +252,28 @@ PAIR = FINGER.format("") + '<body name="other"><joint name="k" range="0 90"/><ge
         ),
         (
             BODY.format("", PAIR, '<equality><joint joint1="j" joint2="k" polycoef="0 1 0.5 0 0"/></equality>'),
-            'equality-0 ties joints by a curve; only lines are read: write polycoef="0 1 0 0 0"',
+            "joint equality-0 ties joints j, k; links must be a tree, in which a joint follows one other along a line",
         ),
         (
-            BODY.format("", PAIR, '<equality><connect body1="tip" body2="other" anchor="0 0 0"/></equality>'),
-            "equality-0 ties tip to other, which closes a loop, and links must be a tree",
+            BODY.format("", PAIR, '<equality><connect body1="tip" body2="other" anchor="0.1 0 0"/></equality>'),
+            "connect equality-0 ties joints j, k; links must be a tree",
         ),
         (
             BODY.format("", PAIR, '<equality><weld body1="tip" body2="other"/></equality>'),
-            "equality-0 ties tip to other, which closes a loop",
+            "weld equality-0 ties joints j, k; links must be a tree",
         ),
         (BODY.format("", "", "").replace("palm", "hand"), "there is no body 'palm'; there are hand"),
         (
             BODY.format("<extension><plugin plugin='mujoco.pid'/></extension>", "", ""),
-            "hand.xml has <plugin>, a plugin, which is code: delete it, and what uses it",
+            "hand.xml has <plugin>, which loads something else: delete it, and what uses it",
         ),
-        (BODY.format("<asset><model name='a' file='a.xml'/></asset>", "", ""), "hand.xml has <model>, another model that it attaches"),
+        (
+            BODY.format("<asset><model name='a' file='a.xml'/></asset>", "", ""),
+            "hand.xml has <model>, which loads something else: write both models as one file",
+        ),
         (BODY.format("<include file='/etc/passwd'/>", "", ""), "it names '/etc/passwd', outside"),
         (BODY.format("<include file='../hand.yaml'/>", "", ""), "it names '../hand.yaml', outside"),
-        (BODY.format("<include file='hand.xml'/>", "", ""), "it includes 'hand.xml' twice, or the file includes itself"),
+        (BODY.format("<include file='hand.xml'/>", "", ""), "MuJoCo cannot read it: "),
         (BODY.format("<include file='none.xml'/>", "", ""), "none.xml, which it names, cannot be read (No such file or directory)"),
         (BODY.format("<asset><mesh file='../../secret.stl'/></asset>", "", ""), "it names '../../secret.stl', outside"),
         (BODY.format("<compiler meshdir='/etc'/><asset><mesh file='a.stl'/></asset>", "", ""), "it names '/etc/a.stl', outside"),
@@ -276,6 +283,10 @@ PAIR = FINGER.format("") + '<body name="other"><joint name="k" range="0 90"/><ge
         (BODY.format("<asset><mesh file='hand.stl'/></asset>", "", ""), "hand.stl, which it names, cannot be read"),
         (BODY.format("<nothing/>", "", ""), "MuJoCo cannot read it: XML Error: Schema violation: unrecognized element"),
         (BODY.format("", "<body><joint/></body>", ""), "MuJoCo cannot compile it: "),
+        (
+            BODY.format("", FINGER.format("").replace("range", "ref='nan' range"), ""),
+            "it has numbers beyond 1e+06, or NaN, which MuJoCo reads as qpos0",
+        ),
         ("<mujoco>", "hand.xml is not XML (no element found: line 1, column 8)"),
         ('<!DOCTYPE m [<!ENTITY a SYSTEM "/etc/passwd">]><mujoco/>', "its XML declares a document type or entities"),
         (
@@ -286,6 +297,68 @@ PAIR = FINGER.format("") + '<body name="other"><joint name="k" range="0 90"/><ge
 )
 def test_what_cannot_be_read_is_named_with_the_remedy(tmp_path: Path, content: str, message: str) -> None:
     (path := tmp_path / "hand.xml").write_text(content)
-    (tmp_path.parent / "secret.stl").touch()
-    with pytest.raises(InvalidInput, match=rf"hand\.xml: .*{re.escape(message)}"):
-        read_mjcf(path, "palm")
+    with pytest.raises(InvalidInput, match=re.escape(message)):
+        parse_mjcf(path, "palm")
+
+
+def test_error_of_the_process_that_reads_names_the_file(tmp_path: Path) -> None:
+    (tmp_path / "hand.xml").write_text("<mujoco/>")
+    (tmp_path / "hand.yaml").write_text(HAND.replace("model/claw.xml", "hand.xml"))
+    with pytest.raises(InvalidInput, match=r"hand\.yaml with hand\.xml: there is no body 'palm'; there are none at all"):
+        load_hand(tmp_path / "hand.yaml")
+
+
+def test_meshes_beside_the_folder_are_read_where_a_package_holds_both(tmp_path: Path) -> None:
+    (path := tmp_path / "mjcf" / "hand.xml").parent.mkdir()
+    mesh = "<compiler meshdir='../meshes'/><asset><mesh name='tip' file='tip.stl'/></asset>"
+    path.write_text(BODY.format(mesh, "<geom type='mesh' mesh='tip'/>", ""))
+    (tmp_path / "meshes").mkdir()
+    trimesh.creation.box((0.1, 0.2, 0.3)).export(tmp_path / "meshes" / "tip.stl")
+    with pytest.raises(
+        InvalidInput, match=r"it names '../meshes/tip\.stl', outside .*; copy it there, or put an empty package\.xml into the"
+    ):
+        parse_mjcf(path, "palm")
+    (tmp_path / "package.xml").touch()
+    (palm,) = parse_mjcf(path, "palm").links
+    np.testing.assert_allclose(np.ptp(palm.collisions[1].mesh.vertices, axis=0), [0.1, 0.2, 0.3], atol=1e-7)
+
+
+def test_meshes_of_one_name_in_two_folders_are_two(tmp_path: Path) -> None:
+    """MuJoCo takes one for the other where contents are given to it under the names in the MJCF."""
+    names = "<mesh name='a' file='a/tip.stl'/><mesh name='b' file='b/tip.stl'/>"
+    asset, geoms = f"<compiler meshdir='m'/><asset>{names}</asset>", "<geom type='mesh' mesh='a'/><geom type='mesh' mesh='b'/>"
+    (tmp_path / "hand.xml").write_text(BODY.format(asset, geoms, ""))
+    for folder, size in (("a", 0.1), ("b", 0.2)):
+        (tmp_path / "m" / folder).mkdir(parents=True)
+        trimesh.creation.box((size, size, size)).export(tmp_path / "m" / folder / "tip.stl")
+    (palm,) = parse_mjcf(tmp_path / "hand.xml", "palm").links
+    assert [round(float(np.ptp(shape.mesh.vertices[:, 0])), 6) for shape in palm.collisions] == [0.02, 0.1, 0.2]
+
+
+def test_mujoco_opens_no_file(tmp_path: Path) -> None:
+    """A `<flexcomp>` names a file that its parser opens itself."""
+    trimesh.creation.box().export(tmp_path / "cube.obj")
+    flexcomp = f"<flexcomp name='f' type='mesh' file='{tmp_path / 'cube.obj'}' mass='1' dim='2' radius='0.01'/>"
+    content = BODY.format("", flexcomp, "")
+    mujoco.MjSpec.from_string(content)
+    (tmp_path / "hand.xml").write_text(content)
+    with pytest.raises(InvalidInput, match="MuJoCo cannot read it"):
+        parse_mjcf(tmp_path / "hand.xml", "palm")
+
+
+def test_urdf_of_an_mjcf_hand_moves_in_pybullet_as_the_hand_does(claw: Hand, tmp_path: Path) -> None:
+    client = PhysicsClient()
+    body = client.loadURDF(str(write_hand_urdf(claw, tmp_path)), useFixedBase=True)
+    angles = claw.lower + 0.7 * (claw.upper - claw.lower)
+    values = dict(zip(claw.joint_names, angles, strict=True))
+    values |= {claw.joints[follower.link - 1].name: float(follower.of(angles)) for follower in claw.followers}
+    joints = {client.getJointInfo(body, number)[1].decode(): number for number in range(client.getNumJoints(body))}
+    for name, value in values.items():
+        client.resetJointState(body, joints[name], value)
+    frames = forward_kinematics(claw, np.eye(4), angles)
+    for joint in claw.joints:
+        position, turn = client.getLinkState(body, joints[joint.name], computeForwardKinematics=True)[4:6]
+        np.testing.assert_allclose(position, frames[joint.child, :3, 3], atol=1e-6)
+        matrix = np.reshape(client.getMatrixFromQuaternion(turn), (3, 3))
+        np.testing.assert_allclose(matrix, frames[joint.child, :3, :3], atol=1e-6)
+    client.disconnect()
