@@ -160,6 +160,8 @@ def _notes(hand: Hand) -> Iterator[str]:
         yield f"for the inertia of rotors, {GEARED_INERTIA:g} kg m² are added to links of coupled joints: {abbreviate(geared)}"
     if unseen := [link.name for link in hand.links if link.collisions and not link.visuals]:
         yield f"camera images do not show links that have collision shapes and no visual: {abbreviate(unseen)}"
+    if endless := [joint.name for joint in hand.joints if joint.kind == "continuous" and joint.mimic is None]:
+        yield f"warning: joints without limits, which may turn by half a turn either way: {abbreviate(endless)}; state those that they have"
     yield from (f"warning: {sentence}" for sentence in ignored_limits(hand))
     for follower in hand.followers:  # many files state their limits carelessly
         joint = hand.joints[follower.link - 1]

@@ -88,7 +88,7 @@ def _readers(content: bytes) -> list[Callable[[], Stated]]:
     """List what reads each grasp of a file."""
     if content.startswith(b"PK"):
         arrays = dict(_members(content))
-        return [partial(_array_grasp, arrays, row) for row in range(_rows(arrays, "hand_pose"))]
+        return [partial(_array_grasp, arrays, row) for row in range(_count(arrays))]
     readers: list[Callable[[], Stated]] = []
     for entry in np.ravel(_array_of(content, pickled=True)):
         if not isinstance(entry, dict) or not entry.keys() & {"qpos", "grasp_qpos"}:
@@ -114,7 +114,11 @@ def _members(content: bytes) -> Iterator[tuple[str, np.ndarray]]:
                 left -= len(part)
                 if left < 0:
                     raise InvalidInput(f"its arrays have more than {MAX_BYTES} bytes; split it into several files")
-                yield member.filename.removesuffix(".npy"), _array_of(part, pickled=False)
+                name = member.filename.removesuffix(".npy")
+                try:
+                    yield name, _array_of(part, pickled=False)
+                except InvalidInput as error:
+                    raise InvalidInput(f"{ascii(name[:40])}: {error}") from error
     except InvalidInput:
         raise
     except Exception as error:  # zipfile raises whatever its parsing trips over
@@ -131,10 +135,12 @@ def _array_of(content: bytes, *, pickled: bool) -> np.ndarray:
         if not dtype.hasobject and len(rest) == prod(shape) * dtype.itemsize:
             return np.frombuffer(rest, dtype).reshape(shape, order="F" if fortran else "C")
     except Exception as error:  # NumPy raises whatever its parsing of a header trips over
-        raise InvalidInput(f"it is no .npy file that can be read ({error}); write it with numpy.save") from error
+        raise InvalidInput(f"it is no array that can be read ({error}); write .npy with numpy.save, .npz with numpy.savez") from error
     if not dtype.hasobject:
         raise InvalidInput(f"an array of shape {shape} and type {dtype} has {len(rest)} bytes in it; is the file cut off?")
-    array = read_plain_pickle(rest) if pickled else None
+    if not pickled:
+        raise InvalidInput("it has Python objects, which are not read in .npz; make names text, as by .astype(str), and values numbers")
+    array = read_plain_pickle(rest)
     if not isinstance(array, np.ndarray) or not array.dtype.hasobject:
         raise InvalidInput(f"it has Python objects that are not read; {FORMATS}")
     return array
@@ -142,7 +148,7 @@ def _array_of(content: bytes, *, pickled: bool) -> np.ndarray:
 
 def _array_grasp(arrays: Mapping[str, Any], row: int) -> Stated:
     """Read a grasp of an .npz file: positions are in the unit of the object's file."""
-    scale, count = _scale(arrays, "metres_per_unit"), _rows(arrays, "hand_pose")
+    scale, count = _scale(arrays, "metres_per_unit"), _count(arrays)
     joints = _array(arrays, "joint_names")
     if joints.dtype.kind != "U" or joints.ndim != 1:
         raise InvalidInput(f"joint_names has type {joints.dtype} and shape {joints.shape}; it must be a list of names")
@@ -187,10 +193,12 @@ def _array(entry: Mapping[str, Any], name: str) -> np.ndarray:
     return value
 
 
-def _rows(arrays: Mapping[str, Any], name: str) -> int:
-    if (array := _array(arrays, name)).ndim == 0:
-        raise InvalidInput(f"{name} is a single number; it must have one row per grasp")
-    return len(array)
+def _count(arrays: Mapping[str, Any]) -> int:
+    """Count the grasps of an .npz file."""
+    shape = _array(arrays, "hand_pose").shape
+    if len(shape) != 3 or shape[1:] != (4, 4):
+        raise InvalidInput(f"hand_pose has shape {shape}; it must be (G, 4, 4), a matrix per grasp, also of one grasp")
+    return shape[0]
 
 
 def _numbers(entry: Mapping[str, Any], name: str, shape: tuple[int, ...], row: Any = ...) -> Array:

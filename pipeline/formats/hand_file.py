@@ -6,7 +6,7 @@ from dataclasses import replace
 from importlib.util import cache_from_source, find_spec
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
 from pydantic import AfterValidator, AliasChoices, Field, model_validator
@@ -135,6 +135,13 @@ class HandFile(Entries):
         for entry, owner, mounts in (*owners, (None, "palm", self.palm.sensors)):
             for number, mount in enumerate(mounts, 1):
                 yield entry, mount.name or (owner if len(mounts) == 1 else f"{owner}-{number}"), mount
+
+    @model_validator(mode="before")
+    @classmethod
+    def _model_is_named_once(cls, content: Any) -> Any:
+        if isinstance(content, dict) and {"model", "urdf"} <= content.keys():
+            raise ValueError("`urdf` is the older name of `model`: keep one of the two")
+        return content
 
     @model_validator(mode="after")
     def _sensors_are_named(self) -> "HandFile":

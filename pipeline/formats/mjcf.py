@@ -128,6 +128,8 @@ class _Reader:
             return self._fixed(joint.name, parent, origin)
         if kind == "prismatic" and not joint.limited and mimic is None:
             raise InvalidInput(f"joint {joint.name} slides without a limit; give it a range")
+        if joint.range[0] > joint.range[1]:  # which MuJoCo takes for no range
+            raise InvalidInput(f"joint {joint.name} has the range {joint.range.tolist()}; write the lower limit first")
         lower, upper = joint.range.tolist() if joint.limited else (0.0, 0.0)
         check_unit(f"joint {joint.name} has limits", (lower, upper), slides=kind == "prismatic")
         low, high = np.clip(self._couplings.reach.get(joint.id, (lower, upper)), lower, upper).tolist()

@@ -116,11 +116,13 @@ class GraspReader:
         if abs(stated.scale / self.scale - 1) > SAME_SCALE:
             raise InvalidInput(
                 f"it is of an object of {stated.scale:g} m per unit of its file, this one has {self.scale:g}; state metres_per_unit: "
-                f"{stated.scale:g} in the manifest"
+                f"{stated.scale:g} in the manifest, or correct the grasp's"
             )
         hand, pose = self.hand, compose(compose(self.frame, stated.root), self.root)
         if (distance := float(length(stated.root[:3, 3]))) > FARTHEST:
-            raise InvalidInput(f"the hand is {distance:.3g} m from the object's origin; are its positions in metres?")
+            raise InvalidInput(
+                f"the hand is {distance:.3g} m from the object's origin; positions are in m, those of .npz in the unit of the object's file"
+            )
         angles = {phase: self._joint_vector(stated, phase) for phase in PHASES if phase in stated.angles}
         start, grasp, squeeze = angles.get("pregrasp"), angles["grasp"], angles.get("squeeze")
         if self.physics is not None:
@@ -165,7 +167,7 @@ class GraspReader:
             joint = int(beyond.argmax())
             raise InvalidInput(
                 f"joint {hand.joint_names[joint]} is {vector[joint]:.3g} in the {phase}, its limits are {hand.lower[joint]:.3g} to "
-                f"{hand.upper[joint]:.3g}; do read-grasps.joints and the hand fit the file?"
+                f"{hand.upper[joint]:.3g}; is it in rad (m), and do read-grasps.joints and the hand fit the file?"
             )
         rigid = {**hand.frozen, **{name: float(follower.of(vector)) for name, follower in coupled.items()}}
         for name, value in rigid.items():

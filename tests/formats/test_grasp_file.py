@@ -118,7 +118,8 @@ def test_dictionary_with_rows_is_several_grasps(tmp_path: Path) -> None:
         (arrays(metres_per_unit=np.array(-1.0)), "metres_per_unit is -1"),
         (arrays(hand_pose=np.zeros((2, 4, 4))), "last row"),
         (arrays(hand_pose=np.stack([np.diag([1, 1, -1, 1.0])] * 2)), "hand_pose is no rotation and shift"),
-        (arrays(hand_pose=np.array(3.0)), "hand_pose is a single number"),
+        (arrays(hand_pose=np.array(3.0)), "hand_pose has shape \\(\\); it must be \\(G, 4, 4\\)"),
+        (arrays(hand_pose=np.eye(4)), "hand_pose has shape \\(4, 4\\); it must be \\(G, 4, 4\\), a matrix per grasp, also of one grasp"),
     ],
 )
 def test_faults_are_named(content: Any, reason: str, tmp_path: Path) -> None:
@@ -158,7 +159,7 @@ def test_files_that_are_no_arrays_are_refused_in_words(tmp_path: Path) -> None:
 def test_python_objects_in_npz_are_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", hand_pose=np.array([{}], object), allow_pickle=True)
     (grasp,) = read_grasp_file(tmp_path / "a.npz", tmp_path)
-    assert "Python objects that are not read" in refusal(grasp.stated)
+    assert refusal(grasp.stated).startswith("'hand_pose': it has Python objects, which are not read in .npz; make names text")
 
 
 def test_archives_that_expand_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

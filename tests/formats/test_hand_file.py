@@ -61,7 +61,7 @@ def test_hand_file_finds_links_and_joints_of_another_urdf_by_name(hand: Hand, tm
         ("fingers:", "convex_parts: {link_9: 3}\nfingers:", "there is no link 'link_9'"),
         ("normal: [1, 0, 0]", "normal: [0, 1, 0.1]", "and columns (0.0, 1.0, 0.0) are 5.7° apart; make it 90°"),
         ("urdf: allegro_right.urdf", "urdf: nowhere.urdf", "there is no model 'nowhere.urdf'"),
-        ("urdf: allegro_right.urdf", "model: a.urdf\nurdf: b.urdf", "there is no entry urdf. The file's entries are name, model, sensor"),
+        ("urdf: allegro_right.urdf", "model: a.urdf\nurdf: b.urdf", "`urdf` is the older name of `model`: keep one of the two"),
         ("palm:", "palms:", "palms"),
         ("name: index", 'name: "my/index"', "fingers.0.name: String should match pattern"),
         (

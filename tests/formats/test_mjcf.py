@@ -247,6 +247,10 @@ PAIR = FINGER.format("") + '<body name="other"><joint name="k" range="0 90"/><ge
             "joint j has limits 0 … 90 rad, beyond 6.35; are they in degrees?",
         ),
         (
+            BODY.format("", FINGER.format("").replace("0 90", "90 0"), ""),
+            "joint j has the range [90.0, 0.0]; write the lower limit first",
+        ),
+        (
             BODY.format("", FINGER.format("").replace("90", "1.5"), ""),
             'all joints turn by less than 6.3°; are angles in radians? Then write <compiler angle="radian"/>',
         ),

@@ -133,7 +133,15 @@ def test_wrong_grasps_are_named_and_the_others_are_read(arrays, copy, tmp_path):
     read, refused, touched, pose = row_of(copy, "grasp_files", "refused_grasps", "touch_success", "hand_pose")
     assert str(read) == f"{NAME}/7-sound.npz"
     reasons = str(refused).splitlines()
-    expected = ("metres_per_unit: ", "'wrist'", "its limits are", "inside", "no value for", "in metres?", "in the squeeze")
+    expected = (
+        "metres_per_unit: ",
+        "'wrist'",
+        "its limits are",
+        "inside",
+        "no value for",
+        "positions are in m, those of .npz in the unit",
+        "in the squeeze",
+    )
     for name, line, words in zip([*wrong][:7], reasons, expected, strict=True):
         assert line.startswith(f"{NAME}/{name}.npz: "), line
         assert words in line, line
