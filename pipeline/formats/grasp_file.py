@@ -118,7 +118,7 @@ def _members(content: bytes) -> Iterator[tuple[str, np.ndarray]]:
                 try:
                     yield name, _array_of(part, pickled=False)
                 except InvalidInput as error:
-                    raise InvalidInput(f"{ascii(name[:40])}: {error}") from error
+                    raise InvalidInput(f"{name[:40]!a}: {error}") from error
     except InvalidInput:
         raise
     except Exception as error:  # zipfile raises whatever its parsing trips over
