@@ -123,6 +123,7 @@ def test_up_to_date_run_imports_neither_executor_nor_torch(tmp_path):
             ["run", "simulate-grasps", "--set", "grasps=20", "--set", "attempts=4"],
             "20 grasps need more than 4 attempts, which yield at most 16; ask for fewer grasps, or for at least 5 attempts",
         ),
+        ([*RUN, "--object", "a", "--object", "b"], "--object is given 2 times; it takes one value: run the command once for each"),
         (["validate", "/nonexistent"], "holds no records; looked for ARTIFACT/NNNN-of-NNNN.json"),
     ],
 )

@@ -6,7 +6,7 @@ from importlib.metadata import version
 from typing import Annotated, Any, cast
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from pipeline import plugins
 from pipeline.cli.failures import report_failures
@@ -44,9 +44,21 @@ class Commands(TyperGroup):
         return None if context.resilient_parsing else context.fail(unknown_name("command", name, self.list_commands(context)))
 
 
+class _Once(TyperCommand):
+    """A command that refuses an option given twice, of which click would take the last without a word."""
+
+    def parse_args(self, context: Any, args: list[str]) -> list[str]:
+        """Parse arguments; an option that takes one value may be there once."""
+        _, _, given = self.make_parser(context).parse_args(list(args))
+        for option in () if context.resilient_parsing else set(given):  # a shell that completes a line gets no errors
+            if isinstance(option, TyperOption) and not option.multiple and not option.is_flag and given.count(option) > 1:
+                context.fail(f"{option.opts[0]} is given {given.count(option)} times; it takes one value: run the command once for each")
+        return super().parse_args(context, args)
+
+
 def _command(name: str, panel: str, function: Callable[..., None]) -> TyperCommand:
     single = typer.Typer(add_completion=False, pretty_exceptions_show_locals=False)
-    single.command(name, rich_help_panel=panel)(report_failures()(function))
+    single.command(name, cls=_Once, rich_help_panel=panel)(report_failures()(function))
     command = cast(TyperCommand, typer.main.get_command(single))
     command.name = name
     return command
