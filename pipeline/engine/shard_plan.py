@@ -242,7 +242,8 @@ class ShardPlan(Plan):
         else:
             self._publish([results[unit.name] for unit in self.units])
             end = f"; {pluralise(len(self.missing))} of {self.total} not made yet" if self.missing else ""
-            notes = tuple(self.stage.describe_shard(self.settings, self.shard)) if self.shard else ()
+            usable = self.shard is not None and any(row.failure is None for row in self.shard.record.rows)  # else it may lack arrays
+            notes = tuple(self.stage.describe_shard(self.settings, self.shard)) if usable else ()
         failures = {name: result.failure for name, result in results.items()}
         text = (f"reused {pluralise(copied, 'row')}, " if copied else "") + f"made {pluralise(made)} in {seconds:.1f} s"
         return self.answer(text, failures, end, objects=made, seconds=seconds, notes=notes)

@@ -176,7 +176,9 @@ def test_more_grasps_than_the_setting_are_counted(arrays, copy, tmp_path):
 def test_object_without_usable_grasps_fails_with_the_reason(arrays, copy, tmp_path):
     (tmp_path / "in").mkdir()
     np.savez(tmp_path / "in" / f"{NAME}.npz", **(arrays | {"metres_per_unit": arrays["metres_per_unit"] * 2}))
-    (failure,) = run_on(copy, tmp_path / "in").failures.values()
+    made = run_on(copy, tmp_path / "in")
+    assert made.text.startswith("made 0 objects")
+    (failure,) = made.failures.values()
     assert "none of its 2 grasps can be used; bottle-0000.npz, grasp 0: it is of an object of" in failure.reason
 
 
