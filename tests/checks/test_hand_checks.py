@@ -109,6 +109,11 @@ def test_trial_reports_the_number_of_grasps_and_limits_that_do_not_count(tmp_pat
     assert "joint right_slide follows left_slide through 0.0105 … 0.105, beyond its own limits 0.007 … 0.07, which do not count" in text
 
 
+def test_joints_without_limits_are_named(tmp_path: Path) -> None:
+    urdf = URDF.read_text().replace('name="left_slide" type="prismatic"', 'name="left_slide" type="continuous"')
+    assert any("joints without limits, which may turn by half a turn either way: left_slide" in line for line in lines_of(tmp_path, urdf))
+
+
 @pytest.mark.parametrize(
     ("sensor", "kind", "sentence"),
     [
