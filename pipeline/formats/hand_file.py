@@ -109,7 +109,7 @@ class HandFile(Entries):
     fingers: list[_FingerEntry] = Field(min_length=1, description="One or more; a moving joint is in one of them, or `frozen`.")
     frozen: dict[str, Coordinate] = Field({}, description="Angles, rad (m), of moving joints that no finger uses.")
     allowed_contacts: list[tuple[str, str]] = Field(
-        [], description="Pairs of links that may overlap. Neighbours that overlap at rest need no entry."
+        [], description="Pairs of links that may overlap. Neighbours that overlap at rest need no entry, nor do pairs that an MJCF excludes."
     )
     convex_parts: dict[str, Annotated[int, Field(ge=1, le=32)]] = Field(
         {},
@@ -240,7 +240,7 @@ def _assemble(file: HandFile, path: Path, model: Path) -> Hand:
     )
     pairs = [sorted((numbers[one], numbers[other])) for one, other in file.allowed_contacts]
     stated = frozenset((first, second) for first, second in pairs)
-    return replace(hand, allowed_contacts=overlapping_neighbours(hand, collision_boxes(hand)) | stated)
+    return replace(hand, allowed_contacts=overlapping_neighbours(hand, collision_boxes(hand)) | described.allowed_contacts | stated)
 
 
 def _fingers(file: HandFile, roles: JointRoles, numbers: Mapping[str, int], path: Path) -> tuple[tuple[Finger, ...], tuple[Mount, ...]]:

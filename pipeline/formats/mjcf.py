@@ -26,7 +26,7 @@ from pipeline.kernels.hand.model import HandModel, Inertial, Joint, Link, Shape
 
 DIGITS = 10  # decimals of poses, m and rad
 MAX_GROUP = 2  # of geoms that MuJoCo's viewer shows unasked
-UNNEEDED = ("cameras", "lights", "sites", "sensors", "keys", "excludes", "textures", "skins", "flexes")
+UNNEEDED = ("cameras", "lights", "sites", "sensors", "keys", "textures", "skins", "flexes")
 """What a grasp does without, as a `MjSpec` calls it."""
 NUMBERS = (
     "body_pos",
@@ -72,7 +72,15 @@ def parse_mjcf(path: Path, root: str) -> HandModel:
     unneeded = ", ".join(f"{name} ({count})" for name in UNNEEDED if (count := len(getattr(spec, name))))
     notes = [f"the MJCF has what grasps do without: {unneeded}"] if unneeded else []
     torque = min((force for force in couplings.forces if np.isfinite(force)), default=None)
-    return HandModel(tuple(reader.links), tuple(reader.joints), tuple(files[1:]), (*notes, *couplings.notes), torque)
+    excluded = [sorted(reader.numbers.get(body, -1) for body in divmod(int(pair), 2**16)) for pair in model.exclude_signature]
+    return HandModel(
+        links=tuple(reader.links),
+        joints=tuple(reader.joints),
+        files=tuple(files[1:]),
+        notes=(*notes, *couplings.notes),
+        torque=torque,
+        allowed_contacts=frozenset((first, second) for first, second in excluded if first >= 0),
+    )
 
 
 def _kind(enumeration: str, number: Array) -> str:  # (1,)
@@ -88,7 +96,7 @@ class _Reader:
         self._model, self._couplings = model, couplings
         self.links: list[Link] = []
         self.joints: list[Joint] = []
-        self._numbers: dict[int, int] = {}  # of links, by body
+        self.numbers: dict[int, int] = {}  # of links, by body
         self._faces = 0
 
     def add(self, body: Any) -> None:
@@ -101,13 +109,13 @@ class _Reader:
                 frame = _pose(-joint.pos)
             if not steps or frame[:3, 3].any():
                 steps.append((None, frame))
-            parent = self._numbers[body.parentid.item()]
+            parent = self.numbers[body.parentid.item()]
             for joint, origin in steps:
                 if self.joints and len(self.joints) == len(self.links):  # a step of this body is done
                     self.links.append(Link(f"{body.name}/{self.joints[-1].name}", (), ()))
                     parent = len(self.links) - 1
                 self.joints.append(self._joint(joint, parent, origin) if joint else self._fixed(f"{body.name}/fixed", parent, origin))
-        self._numbers[body.id] = len(self.links)
+        self.numbers[body.id] = len(self.links)
         self.links.append(Link(body.name, *self._shapes(body), _inertial(body)))
 
     def _fixed(self, name: str, parent: int, origin: Array) -> Joint:
