@@ -109,7 +109,7 @@ class HandFile(Entries):
     fingers: list[_FingerEntry] = Field(min_length=1, description="One or more; a moving joint is in one of them, or `frozen`.")
     frozen: dict[str, Coordinate] = Field({}, description="Angles, rad (m), of moving joints that no finger uses.")
     allowed_contacts: list[tuple[str, str]] = Field(
-        [], description="Pairs of links that may overlap. Neighbours that overlap at rest need no entry, nor do pairs that an MJCF excludes."
+        [], description="Pairs of links that may overlap. Neighbours that overlap at rest, and pairs that an MJCF excludes, need no entry."
     )
     convex_parts: dict[str, Annotated[int, Field(ge=1, le=32)]] = Field(
         {},
