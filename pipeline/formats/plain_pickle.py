@@ -30,7 +30,7 @@ VALUES |= {"BINBYTES", "SHORT_BINBYTES", "BINBYTES8"}
 """Opcodes whose argument is the value."""
 CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False, "EMPTY_TUPLE": ()}
 TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
-DTYPES = re.compile(r"b1|[iu][1248]|f[248]|U[0-9]{1,4}|O8?")
+DTYPES = re.compile(r"b1|[iu][1248]|f[248]|U[1-9][0-9]{0,3}|O8?")
 MARK = object()
 
 

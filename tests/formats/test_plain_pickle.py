@@ -78,6 +78,12 @@ def test_arrays_have_the_bytes_that_their_shape_says() -> None:
         read_plain_pickle(array_pickle(b"K\x01\x85", b"](NNe", b"O8"))
 
 
+def test_text_has_characters() -> None:
+    """An array of text of no characters could have any shape."""
+    with pytest.raises(InvalidInput, match="calls something else"):
+        read_plain_pickle(array_pickle(b"J\xff\xff\xff\x7f\x85", b"C\x00", b"U0"))
+
+
 def test_arrays_together_are_no_larger_than_the_file() -> None:
     with pytest.raises(InvalidInput, match="larger arrays than the file has bytes"):
         read_plain_pickle(array_pickle(b"K\xc8\x85", b"C\xc8" + bytes(200), b"u1", twice=True))
