@@ -114,7 +114,7 @@ class _Interpreter:
             case "GLOBAL" | "STACK_GLOBAL":
                 text = argument if name == "GLOBAL" else " ".join(_taken([stack.pop(-2), stack.pop()], 2))
                 if text not in NAMES:
-                    raise InvalidInput(f"its pickle names {text[:100]!r}, which is not called here; write numbers and text as .npz")
+                    raise InvalidInput(f"its pickle names {text[:100]!r}; only NumPy arrays, numbers and text are read: write .npz")
                 stack.append(_Named(NAMES[text]))
             case "REDUCE":
                 arguments = stack.pop()
@@ -139,7 +139,7 @@ class _Interpreter:
                 return _Dtype(code)
             case _Named("scalar"), (_Dtype() as dtype, bytes(content)):
                 return self._fill(np.empty(0), (), dtype, content)[()]
-        raise InvalidInput("its pickle calls something else than numpy.save does for arrays of numbers, or of text; write it again as .npz")
+        raise InvalidInput("its pickle has a call that numpy.save does not write for arrays of numbers or text; write it again as .npz")
 
     def _build(self, state: Any, target: Any) -> None:
         """Give a type its byte order, or an array its type, shape and elements."""
@@ -149,7 +149,7 @@ class _Interpreter:
             case np.ndarray(), (1, shape, _Dtype() as dtype, bool(fortran), content):
                 self._fill(target, shape, dtype, content, fortran=fortran)
             case _:
-                raise InvalidInput("its pickle has an array with fields, or another object; write arrays of numbers, or of text, as .npz")
+                raise InvalidInput("its pickle has an array with fields, or another object; write arrays of numbers or text as .npz")
 
     def _fill(self, array: np.ndarray, shape: Any, dtype: _Dtype, content: Any, *, fortran: bool = False) -> np.ndarray:
         """Fill an array of a shape whose elements are all in `content`."""
