@@ -20,7 +20,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import read_file
 from pipeline.formats.plain_pickle import read_plain_pickle
 from pipeline.kernels.arrays import Array
-from pipeline.kernels.geometry.transforms import compose, invert_pose
+from pipeline.kernels.geometry.transforms import compose, invert_pose, pose_of
 
 MAX_BYTES = 64 * 2**20  # largest size of a file, and of its arrays together: a grasp takes 1 kB
 MAX_GRASPS = 100_000  # of a file
@@ -154,7 +154,7 @@ def _array_grasp(arrays: Mapping[str, Any], row: int) -> Stated:
     pose = _numbers(arrays, "hand_pose", (count, 4, 4), row)
     if not np.allclose(pose[3], (0, 0, 0, 1)):
         raise InvalidInput(f"hand_pose has {pose[3]} as its last row; it must be 0, 0, 0, 1")
-    return Stated(scale, _pose(scale * pose[:3, 3], _matrix(pose[:3, :3])), joints, angles)
+    return Stated(scale, pose_of(_matrix(pose[:3, :3]), scale * pose[:3, 3]), joints, angles)
 
 
 def _dexgraspbench(entry: Mapping[str, Any], row: Any) -> Stated:
@@ -166,7 +166,7 @@ def _dexgraspbench(entry: Mapping[str, Any], row: Any) -> Stated:
     qpos = {phase: _numbers(entry, name, shape, row) for phase, name in names.items()}
     if "obj_scale" not in entry and "scene_path" in entry:
         raise InvalidInput("it names a scene instead of obj_scale and obj_pose; convert it with DexGraspBench's task=format")
-    root, scene = (_pose(values[:3], _quaternion(values[3:7])) for values in (qpos["grasp"], _numbers(entry, "obj_pose", (7,))))
+    root, scene = (pose_of(_quaternion(values[3:7]), values[:3]) for values in (qpos["grasp"], _numbers(entry, "obj_pose", (7,))))
     joints = _joint_names(entry) if "joint_names" in entry else ()
     if joints and len(joints) != len(qpos["grasp"]) - 7:
         raise InvalidInput(f"joint_names has {len(joints)} names, the joints in grasp_qpos are {len(qpos['grasp']) - 7}")
@@ -181,7 +181,7 @@ def _dexgraspnet(entry: Mapping[str, Any]) -> Stated:
         raise InvalidInput(f"qpos is no dictionary; {FORMATS}")
     joints = tuple(name for name in qpos if name not in (*TRANSLATION, *ROTATION))
     position, turn, angles = (np.array([_number(qpos, name) for name in names]) for names in (TRANSLATION, ROTATION, joints))
-    return Stated(_scale(entry, "scale"), _pose(position, Rotation.from_euler("xyz", turn).as_matrix()), joints, {"grasp": angles})
+    return Stated(_scale(entry, "scale"), pose_of(Rotation.from_euler("xyz", turn).as_matrix(), position), joints, {"grasp": angles})
 
 
 def _array(entry: Mapping[str, Any], name: str) -> np.ndarray:
@@ -246,9 +246,3 @@ def _quaternion(values: Array) -> Array:
     if abs(float(np.linalg.norm(values)) - 1) > MAX_ROUNDING:
         raise InvalidInput(f"{values.round(4).tolist()} is no rotation: a quaternion, real part first, must have length 1")
     return np.asarray(Rotation.from_quat(values, scalar_first=True).as_matrix())
-
-
-def _pose(position: Array, rotation: Array) -> Array:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, position
-    return pose

@@ -96,7 +96,7 @@ class ReadGrasps(GraspStage):
         heads = {name[:dash] for name in names for dash, sign in enumerate(name) if sign == "-"} | names
         entries = [path for path in folder.iterdir() if path.is_dir() or path.suffix in (".npz", ".npy")]
         if strange := sorted(path.name for path in entries if (path.name if path.is_dir() else path.stem) not in heads):
-            yield f"warning: grasps of no object of the manifest ({abbreviate(strange)}): call them as an object, or add it to the manifest"
+            yield f"warning: grasps whose object is not in the manifest ({abbreviate(strange)}): rename their files, or add the object"
 
     def describe_shard(self, settings: ReadSettings, shard: Shard) -> Iterator[str]:
         """Count the grasps that were read, and say why others were not."""
