@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from itertools import islice
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 from pydantic import field_validator
@@ -60,12 +60,6 @@ class ReadSettings(HandSettings):
     )
     penetration_limit: float = setting(
         0.01, "m that a rigid link may penetrate the object in a grasp; DexGraspBench tests none that is deeper", ge=0, changes="definition"
-    )
-    hold_test: Literal["none", "lift", "six"] | None = setting(
-        None,
-        "lift: the object is freed in the grasp, and must rest in the hand after a second of gravity; six: along ± x, ± y and ± z in turn, "
-        "in six times the time; null: none",
-        changes="definition",
     )
 
     @field_validator("root")

@@ -40,7 +40,7 @@ class HandSettings(ObjectSettings):
     hold_test: Literal["none", "lift", "six"] | None = setting(
         None,
         "lift: the object is freed in the grasp, and must rest in the hand after a second of gravity; six: along ± x, ± y and ± z in turn, "
-        "in six times the time; null: none for search touch, where it is recorded only, and lift for hold, which keeps what passes",
+        "in six times the time; it is recorded, and simulate-grasps.search=hold keeps what passes; null: lift for that, else none",
         changes="definition",
     )
     hold_mass: float = setting(
