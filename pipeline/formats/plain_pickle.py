@@ -17,6 +17,7 @@ from pipeline.errors import InvalidInput
 
 MAX_STEPS = 2_000_000
 """Opcodes that are followed, 200 bytes of memory each at most: 5,000 grasps of DexGraspNet have 400,000."""
+MAX_DIMS = 32  # of an array: the product of many large sizes would take hours
 MODULES = ("numpy.core.multiarray", "numpy._core.multiarray")
 """Of NumPy 1 and 2, whose functions make arrays in pickles."""
 NAMES = {
@@ -118,7 +119,7 @@ class _Interpreter:
                 stack.append(_Named(NAMES[text]))
             case "REDUCE":
                 arguments = stack.pop()
-                stack.append(self._made(stack.pop(), *arguments))
+                stack.append(self._made(stack.pop(), *_of_kind(arguments, tuple)))
             case "BUILD":
                 self._build(stack.pop(), stack[-1])
             case _:
@@ -154,8 +155,8 @@ class _Interpreter:
     def _fill(self, array: np.ndarray, shape: Any, dtype: _Dtype, content: Any, *, fortran: bool = False) -> np.ndarray:
         """Fill an array of a shape whose elements are all in `content`."""
         kind = np.dtype(dtype.code).newbyteorder(dtype.order)
-        if not (isinstance(shape, tuple) and all(type(size) is int and size >= 0 for size in shape)):
-            raise ValueError("an array's shape is no tuple of numbers")
+        if not (isinstance(shape, tuple) and len(shape) <= MAX_DIMS and all(type(size) is int and 0 <= size < 2**31 for size in shape)):
+            raise ValueError(f"an array's shape is no tuple of at most {MAX_DIMS} sizes")
         held, size = (list, 1) if kind.hasobject else (bytes, kind.itemsize)
         if not isinstance(content, held) or len(content) != math.prod(shape) * size:
             raise ValueError("an array has fewer elements, or more, than its shape says")
@@ -168,7 +169,7 @@ class _Interpreter:
 
 def _of_kind(target: Any, kind: type) -> Any:
     if not isinstance(target, kind):
-        raise ValueError(f"it fills something that is no {kind.__name__}")
+        raise ValueError(f"it has something else in the place of a {kind.__name__}")
     return target
 
 
