@@ -11,6 +11,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from pipeline.console import errors
+from pipeline.contrib.exports.grasp_frames import GraspFrames
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.make import make
@@ -144,6 +145,8 @@ def test_wrong_grasps_are_named_and_the_others_are_read(arrays, copy, tmp_path):
     assert "1 grasp of 1 object read, 7 refused" in made.notes
     assert GraspDataset(copy, ["hand_pose"]).items == [(NAME, 0)]
     run_stage(copy, "simulate-touch", manifest(1, 0))
+    ((_, frames),) = (tables := GraspFrames(copy)).objects()
+    assert (tables.summary, [frame["grasp"] for frame in frames]) == ("1 grasp", [0])
     vt("export", copy, tmp_path / "out", "--to", "grasps")
     with np.load(tmp_path / "out" / f"{NAME}.npz") as exported:
         assert len(exported["hand_pose"]) == 1
@@ -177,7 +180,7 @@ def test_grasps_without_object_and_objects_without_grasps_are_named(copy, tmp_pa
     settings = resolve("read-grasps", "draft", [f"read-grasps.folder={tmp_path / 'in'}"])
     first, second = load_stage("read-grasps").describe_objects(settings, manifest(1, 0).objects())
     assert "1 object without grasps" in first
-    assert "no object of the manifest (zebra)" in second
+    assert "whose object is not in the manifest (zebra)" in second
     (failure,) = run_on(copy, tmp_path / "in").failures.values()
     assert "call its file bottle-0000.npz" in failure.reason
 
