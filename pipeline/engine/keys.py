@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.config.sources import fingerprint, modelled
-from pipeline.formats.file_cache import FileCache
+from pipeline.formats.file_cache import FileCache, stamps_of
 from pipeline.store import digest
 from pipeline.store.storage import read_bytes
 
@@ -39,7 +39,7 @@ def sources_hash(module: str) -> str:
     packages = frozenset({*OURS, module.partition(".")[0]})
     if _file_of(module, packages) is None:
         raise ModuleNotFoundError(f"there is no module {module} to hash")
-    parsed_files = FileCache(PARSED, [Path(__file__)], limit=10_000)
+    parsed_files = FileCache(PARSED, stamps_of([Path(__file__)]), limit=10_000)
 
     def parse(name: str, path: Path) -> tuple[str, list[str]]:
         package = name if path.stem == "__init__" else name.rpartition(".")[0]

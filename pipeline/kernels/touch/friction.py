@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Array32, Floats, Mask
 from pipeline.kernels.compiled import compiled
-from pipeline.kernels.geometry.transforms import invert_pose
+from pipeline.kernels.geometry.transforms import compose, invert_pose
 from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.elastic_contact import PressedGel, cell_means, contact_cells, refine
 from pipeline.kernels.touch.sensor import Gel, Sensor, pixel_centres
@@ -56,7 +56,7 @@ def object_motion(
     surface = np.broadcast_to(gel_surface(sensor), sensor.shape)
     height = surface[::factor, ::factor] - cell_means(np.maximum(surface - depth, 0.0), factor)
     points = np.stack([*np.broadcast_arrays(x[None], y[:, None]), height])
-    back = np.eye(4) - invert_pose(before) @ now
+    back = np.eye(4) - compose(invert_pose(before), now)
     return np.stack([row[3] + (row[0] * points[0] + row[1] * points[1] + row[2] * points[2]) for row in back[:3]])
 
 
