@@ -42,10 +42,8 @@ def dot_displacement(
     pitch: tuple[float, float],  # size of a pixel along y and x, m
 ) -> Array:  # (N, 2) m
     """Interpolate the displacement of dots between the middles of pixels; beyond the outermost, it is theirs."""
-    moved = np.empty(positions.shape)
-    for number, (x, y) in enumerate(positions):
-        moved[number] = _displacement_at(np.ascontiguousarray(displacement), x, y, *pitch)
-    return moved
+    surface = np.ascontiguousarray(displacement)
+    return np.array([_displacement_at(surface, x, y, *pitch) for x, y in positions]).reshape(positions.shape)
 
 
 @compiled
