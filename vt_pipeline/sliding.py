@@ -24,7 +24,7 @@ from pipeline.kernels.touch.friction import (
 )
 from pipeline.kernels.touch.markers import MarkerGrid, dot_displacement, draw_dots
 from pipeline.kernels.touch.ray_depth import ray_depth
-from pipeline.kernels.touch.sensor import MAX_FRICTION, MM, Sensor, pixel_centres
+from pipeline.kernels.touch.sensor import MAX_FRICTION, MM, Sensor, pixel_centres, sensor_differences
 from pipeline.kernels.touch.tactile_image import render_gel
 from vt_pipeline.objects import Source, TouchObject, as_object
 from vt_pipeline.touching import Touch, as_poses, as_rng, as_sensor
@@ -48,7 +48,7 @@ class SlidingTouch(Touch):
 
     @property
     def settled(self) -> bool:
-        """Whether the solver reached its tolerance in this step; if not, its shear is not to be relied on."""
+        """Whether the solver reached its tolerance in this step; if not, do not rely on its shear."""
         return self.state.settled
 
     @cached_property
@@ -142,7 +142,8 @@ def slide(
     if not isinstance(after, SlidingTouch | None):
         raise TypeError(f"after is a step of slide; this is {type(after).__name__}")
     if after is not None and after.sensor != sensor:
-        raise InvalidInput(f"the step to go on from is of {after.sensor}, this is {sensor}: give both the same sensor")
+        entries = ", ".join(sensor_differences(after.sensor, sensor, but_for={}))
+        raise InvalidInput(f"the step to go on from is of {after.sensor}, this is {sensor}, another {entries}: give both the same sensor")
     steps = _steps(object_, sensor, checked, coefficient, after, rng)
     return chain(list(islice(steps, 1)), steps)  # what is wrong with the first pose is said at once
 

@@ -162,10 +162,7 @@ def _unit(vector: Vector) -> Array:
 def load_hand(
     name: str | Path,  # of a shipped hand (`allegro_right`), or the path of a hand file
 ) -> Hand:
-    """Read a hand with its URDF or MJCF and meshes; heavy collision meshes become convex shapes (`with_convex_shapes`).
-
-    It is kept between runs (`keep_with_hand`).
-    """
+    """Read a hand, or find it as kept between runs; heavy collision meshes become convex shapes (`with_convex_shapes`)."""
     path = description_path("hand", name).resolve()
     if path in _cached:
         stamps, hand = _cached[path]
