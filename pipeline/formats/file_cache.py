@@ -50,8 +50,11 @@ class FileCache:
             unfinished = self._path.with_name(f"{self._path.name}.{uuid4().hex}")
             with suppress(OSError):
                 unfinished.parent.mkdir(exist_ok=True)
-                unfinished.write_bytes(pickle.dumps((self._code, self._kept)))
-                unfinished.replace(self._path)
+                try:
+                    unfinished.write_bytes(pickle.dumps((self._code, self._kept)))
+                    unfinished.replace(self._path)
+                finally:
+                    unfinished.unlink(missing_ok=True)  # as where the disk is full
 
 
 def stamps_of(paths: Iterable[Path], before: float = math.inf) -> Stamps | None:

@@ -62,3 +62,14 @@ def test_damaged_file_holds_nothing_and_is_written_anew(tmp_path: Path, source: 
     kept.keep("name", "value", [source])
     kept.save()
     assert FileCache(path, None, limit=2).find("name") == "value"
+
+
+def test_cache_that_cannot_be_written_leaves_nothing_behind(tmp_path: Path, source: Path) -> None:
+    """As on a full disk, or a read-only one."""
+    path = tmp_path / "kept.pickle"
+    path.mkdir()  # no file can replace it
+    kept = FileCache(path, None, limit=2)
+    kept.keep("name", "value", [source])
+    kept.save()
+    assert kept.find("name") == "value"
+    assert sorted(tmp_path.iterdir()) == [path, source]
