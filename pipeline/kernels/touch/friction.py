@@ -153,7 +153,7 @@ def _solve(target: Array, bound: Array, start: Array, local: ShearConvolution, s
     for _ in range(MAX_STEPS):
         moved = local(traction)
         size, before = max(size, np.abs(moved).max()), residual.copy()
-        error = _look(traction, moved - target, radius, small, normal, curvature, residual)
+        error = _find_slip(traction, moved - target, radius, small, normal, curvature, residual)
         residual = _along_rims(residual, normal)
         if error <= TOLERANCE * size:
             return traction * np.float64(unit), True
@@ -172,7 +172,7 @@ def _dot(one: Array32, other: Array32) -> float:
 
 
 @compiled
-def _look(
+def _find_slip(
     traction: Array32, gap: Array32, radius: Array32, small: np.float32, normal: Array32, curvature: Array32, residual: Array32
 ) -> float:
     """Find the cells that slip, their normal and curvature, else 0, and the gap in the contact.
