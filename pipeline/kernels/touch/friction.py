@@ -145,19 +145,18 @@ def _solve(target: Array, bound: Array, start: Array, local: ShearConvolution, s
     unit = bound.max()  # single precision holds small coefficients too
     radius, target, traction = ((array / unit).astype(np.float32) for array in (bound, target, start))
     normal, residual, direction = np.zeros((3, *target.shape), np.float32)
-    curvature, small = np.zeros(radius.shape, np.float32), np.float32(1 / local.size)
-    traction = _clip(traction, radius, curvature > 0)
+    curvature, contact, small = np.zeros(radius.shape, np.float32), radius > 0, np.float32(1 / local.size)
+    traction = _clip(traction, radius)
     moved = local(traction)
     size, decrease = np.abs(moved).max(), 1.0
-    traction = _clip(traction - small * (moved - target), radius, curvature > 0)  # else cells that slip far would be taken for sticking
+    traction = _clip(traction - small * (moved - target), radius)  # else cells that slip far would be taken for sticking
     for _ in range(MAX_STEPS):
         moved = local(traction)
-        size, before = max(size, np.abs(moved).max()), residual.copy()
-        error = _find_slip(traction, moved - target, radius, small, normal, curvature, residual)
-        residual = _along_rims(residual, normal)
-        if error <= TOLERANCE * size:
+        size, gap = max(size, np.abs(moved).max()), (moved - target) * contact
+        if _find_slip(traction, gap, radius, small, normal, curvature) <= TOLERANCE * size:
             return traction * np.float64(unit), True
-        weight = (radius > 0) / np.sqrt(1 + curvature * stiffness.size)
+        before, residual = residual, _along_rims(gap, normal)
+        weight = contact / np.sqrt(1 + curvature * stiffness.size)
         step = _along_rims(weight * stiffness(weight * residual), normal)
         last, decrease = decrease, _dot(step, residual)
         direction = step + np.float32(max(0.0, (decrease - _dot(step, before)) / last)) * _along_rims(direction, normal)
@@ -172,10 +171,8 @@ def _dot(one: Array32, other: Array32) -> float:
 
 
 @compiled
-def _find_slip(
-    traction: Array32, gap: Array32, radius: Array32, small: np.float32, normal: Array32, curvature: Array32, residual: Array32
-) -> float:
-    """Find the cells that slip, their normal and curvature, else 0, and the gap in the contact.
+def _find_slip(traction: Array32, gap: Floats, radius: Array32, small: np.float32, normal: Array32, curvature: Array32) -> float:
+    """Set the normal and curvature of the rims along which cells slip, 0 for the other cells.
 
     Return the root mean square of what a small step along the gap changes, over that step: 0 for the solution.
     """
@@ -196,7 +193,6 @@ def _find_slip(
             normal[0, row, col] = x / limit if slips else np.float32(0)
             normal[1, row, col] = y / limit if slips else np.float32(0)
             curvature[row, col] = outwards / limit if slips else np.float32(0)
-            residual[0, row, col], residual[1, row, col] = gap_x, gap_y
     return float(np.sqrt(squares / max(cells, 1)) / small)
 
 
@@ -205,7 +201,7 @@ def _along_rims(vectors: Array32, normal: Array32) -> Array32:  # (2, rows, cols
     return np.asarray(vectors - (vectors * normal).sum(axis=0) * normal)
 
 
-def _clip(traction: Array32, radius: Array32, slips: Mask) -> Array32:  # (2, rows, cols)
+def _clip(traction: Floats, radius: Array32, slips: Mask | bool = False) -> Array32:  # (2, rows, cols)
     """Shorten tractions to the radius of their disc; those that slip get its length."""
     length = np.sqrt(np.square(traction).sum(axis=0))
     return np.asarray(traction * np.divide(radius, length, out=np.ones_like(length), where=(length > radius) | (slips & (length > 0))))
