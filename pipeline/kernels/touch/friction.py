@@ -82,7 +82,7 @@ def drag_gel(
     if farthest > thickness:
         raise InvalidInput(
             f"the object moves by {farthest:.3g} m over the gel of sensor {sensor.name!r} in one step, more than the gel's thickness, "
-            f"{thickness:.3g} m: put poses between"
+            f"{thickness:.3g} m: add poses in between"
         )
     if not contact.any():
         return gel_at_rest(sensor)

@@ -253,7 +253,7 @@ def test_motion_beyond_the_thickness_is_refused_while_the_object_touches():
     assert drag_gel(nothing, shift(rest, 0.0011), rest, worn, FRICTION).settled
     touching = drag_gel(hertz(worn), shift(rest, 0.0009), rest, worn, FRICTION)
     for pressed, before in ((hertz(worn), rest), (nothing, touching)):
-        with pytest.raises(InvalidInput, match=r"moves by 0\.0011 m .* 'gelsight' .* the gel's thickness, 0\.001 m: put"):
+        with pytest.raises(InvalidInput, match=r"moves by 0\.0011 m .* 'gelsight' .* the gel's thickness, 0\.001 m: add"):
             drag_gel(pressed, shift(rest, 0.0011), before, worn, FRICTION)
 
 
