@@ -1,6 +1,7 @@
 """Pre-grasps: a palm tangent to the object (supplement 1.3), and fingers opened along their sensors' normals."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,8 +32,12 @@ def tangent_palm_pose(
     if not (np.isfinite(point).all() and 0 < longest < np.inf):
         raise ValueError(f"no hand can face the point {point} with normal {normal}: they must be finite, the normal not zero")
     normal = normal / longest
-    palm = frame_along(-hand.palm_facing, 0.0, hand.palm_centre)
-    return compose(frame_along(normal, angle, point + distance * normal / length(normal)), invert_pose(palm))
+    return compose(frame_along(normal, angle, point + distance * normal / length(normal)), _root_in_palm(hand))
+
+
+@lru_cache(maxsize=16)
+def _root_in_palm(hand: Hand) -> Array:
+    return invert_pose(frame_along(-hand.palm_facing, 0.0, hand.palm_centre))
 
 
 def frame_along(
