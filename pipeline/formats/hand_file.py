@@ -1,7 +1,7 @@
 """Hand files: the YAML descriptions of robot hands."""
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.util import cache_from_source, find_spec
 from itertools import chain
@@ -36,6 +36,7 @@ KEPT = Path(cache_from_source(__file__)).with_name("hands.pickle")
 CODE = sorted(file for part in ("formats/*.py", "kernels/**/*.py", "rng.py") for file in Path(__file__).parents[1].glob(part))
 CODE += [Path(spec.origin) for spec in map(find_spec, ("numpy", "scipy", "trimesh", "mujoco")) if spec and spec.origin]
 """Files that what is kept of hands depends on: modules, and what an upgrade of a library writes."""
+WRITTEN_BY = stamps_of(CODE)
 MAX_SKEW = 1e-2
 """Cosine of the angle between a sensor's normal and columns from which it is no rounding: directions of three digits are read."""
 
@@ -158,25 +159,27 @@ def _unit(vector: Vector) -> Array:
 def load_hand(
     name: str | Path,  # of a shipped hand (`allegro_right`), or the path of a hand file
 ) -> Hand:
-    """Read a hand with its URDF or MJCF and meshes; heavy collision meshes become convex shapes (`with_convex_shapes`).
-
-    It is kept between runs, until anything is written beside its files, unless a mesh names a file that is missing and may appear.
-    """
+    """Read a hand, or find it as kept between runs; heavy collision meshes become convex shapes (`with_convex_shapes`)."""
     path = description_path("hand", name).resolve()
     if path in _cached:
         stamps, hand = _cached[path]
         if stamps and stamps == stamps_of(hand.files):
             return hand
-    kept = FileCache(KEPT, CODE, limit=10)
+    kept = FileCache(KEPT, WRITTEN_BY, limit=10)
     hand = kept.find(str(path))
     if hand is None:
         hand = _read(path)
-        if not any(shape.mesh.unread for link in hand.links for shape in (*link.visuals, *link.collisions)):
-            kept.keep(str(path), hand, {place for file in hand.files for place in (file, file.parent)})
-            kept.save()
+        keep_with_hand(kept, str(path), hand, hand)
     _cached.clear()
-    _cached[path] = stamps_of(hand.files), hand
+    _cached[path] = stamps_of(hand.files, kept.opened), hand
     return hand
+
+
+def keep_with_hand(cache: FileCache, name: str, value: object, hand: Hand, files: Iterable[Path] = ()) -> None:
+    """Keep a value until anything is written beside the files of a hand, or these; not where a mesh names a file that may appear."""
+    if not any(shape.mesh.unread for link in hand.links for shape in (*link.visuals, *link.collisions)):
+        cache.keep(name, value, {place for file in (*hand.files, *files) for place in (file, file.parent)})
+        cache.save()
 
 
 _cached: dict[Path, tuple[Stamps | None, Hand]] = {}
