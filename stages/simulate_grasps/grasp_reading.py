@@ -156,6 +156,8 @@ class GraspReader:
                 raise InvalidInput(
                     f"{missing_name('joint', name[:100], known)}; rename it by read-grasps.joints, or take a hand that has it"
                 )
+        if twice := [name for name in by_name if list(names).count(name) > 1]:
+            raise InvalidInput(f"joint {twice[0]!r} is there twice; give each joint one value, or correct read-grasps.joints")
         if lacking := [name for name in hand.joint_names if name not in by_name]:
             raise InvalidInput(f"it has no value for {abbreviate(lacking)} of hand {hand.name}; it is for another hand")
         vector = np.array([by_name[name] for name in hand.joint_names])

@@ -124,6 +124,10 @@ def test_wrong_grasps_are_named_and_the_others_are_read(arrays, copy, tmp_path):
         "4-fewer": {"joint_angles": arrays["joint_angles"][:, 1:], "joint_names": arrays["joint_names"][1:]},
         "5-far": {"hand_pose": arrays["hand_pose"] + np.array([[0, 0, 0, 1e30]] * 3 + [[0] * 4])},
         "6-target": {"squeeze": arrays["joint_angles"] * 1e30},
+        "6-twice": {
+            "joint_angles": arrays["joint_angles"][:, [*range(16), 0]],
+            "joint_names": arrays["joint_names"][[*range(16), 0]],
+        },
         "7-sound": {},
     }
     folder = tmp_path / "in" / NAME
@@ -134,15 +138,24 @@ def test_wrong_grasps_are_named_and_the_others_are_read(arrays, copy, tmp_path):
     read, refused, touched, pose = row_of(copy, "grasp_files", "refused_grasps", "touch_success", "hand_pose")
     assert str(read) == f"{NAME}/7-sound.npz"
     reasons = str(refused).splitlines()
-    expected = ("metres_per_unit: ", "'wrist'", "its limits are", "inside", "no value for", "in metres?", "in the squeeze")
-    for name, line, words in zip([*wrong][:7], reasons, expected, strict=True):
+    expected = (
+        "metres_per_unit: ",
+        "'wrist'",
+        "its limits are",
+        "inside",
+        "no value for",
+        "in metres?",
+        "in the squeeze",
+        "is there twice",
+    )
+    for name, line, words in zip([*wrong][:8], reasons, expected, strict=True):
         assert line.startswith(f"{NAME}/{name}.npz: "), line
         assert words in line, line
-    assert len(reasons) == 7
+    assert len(reasons) == 8
     assert touched[0].any()
     assert not touched[1].any()
     assert pose[1, 2, 3] > 9
-    assert "1 grasp of 1 object read, 7 refused" in made.notes
+    assert "1 grasp of 1 object read, 8 refused" in made.notes
     assert GraspDataset(copy, ["hand_pose"]).items == [(NAME, 0)]
     run_stage(copy, "simulate-touch", manifest(1, 0))
     ((_, frames),) = (tables := GraspFrames(copy)).objects()
