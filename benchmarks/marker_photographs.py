@@ -1,7 +1,7 @@
 """Compare the motion of printed dots with two photographs of a press and of the same press pushed aside, beside a Gaussian model.
 
 `python -m benchmarks.marker_photographs FOLDER`: the folder `marker_calib/data` of github.com/Rancho-zhao/FOTS, of which `0.png` and
-`1.png` are used; the others are copies. Fitted are how far the ball was pushed, and an even motion of all dots, both along x and y.
+`1.png` are used; the others are copies. Fitted are how far the ball was pushed, and a uniform offset of all dots, both along x and y.
 """
 
 import argparse
@@ -50,7 +50,7 @@ def main() -> None:
             rows.append([f"{name}, contact of {radius} px", *(f"{np.sqrt(np.mean(part**2)):.2f}" for part in parts), *fitted])
     print(
         "\n".join(
-            markdown(["rms per component, px", "all dots", "outside the contact", "inside", "pushed by, mm", "even motion, px"], rows)
+            markdown(["rms per component, px", "all dots", "outside the contact", "inside", "pushed by, mm", "uniform offset, px"], rows)
         )
     )
 
@@ -67,7 +67,7 @@ def find_dots(image: NDArray[np.uint8]) -> NDArray[np.float64]:  # (N, 2) column
 
 
 def match_dots(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # (N, 2) px each
-    """Find each dot again, near where it lies if all have moved alike; return positions and motions of those that were found."""
+    """Find each dot again, near where it lies if all have moved alike; return positions and motions of those that have a partner."""
     tree = KDTree(after)
     even = np.median(after[tree.query(before)[1]] - before, axis=0)
     distance, nearest = tree.query(before + even, distance_upper_bound=SEARCH)
@@ -76,7 +76,7 @@ def match_dots(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def friction_errors(dots: np.ndarray, moved: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:  # (4,) mm, mm, px, px; (N, 2) px
-    """Fit how far a ball is pushed over the gel, and an even motion; return the former and the errors."""
+    """Fit how far a ball is pushed over the gel, and a uniform offset; return the former and the errors."""
     gel = Gel(modulus=2e5, poisson=POISSON, thickness=THICKNESS)
     size = {"width": 320 / PIXELS_PER_METRE, "given_height": 240 / PIXELS_PER_METRE, "w": THICKNESS, "membrane": 0.0, "gel": gel}
     sensor: Sensor = vt.load_sensor("gelsight", shape=(240, 320)).model_copy(update=size)
@@ -104,7 +104,7 @@ def friction_errors(dots: np.ndarray, moved: np.ndarray, radius: float) -> tuple
 
 
 def gaussian_errors(dots: np.ndarray, moved: np.ndarray) -> np.ndarray:  # (N, 2) px
-    """Fit a motion that falls off as a Gaussian of the distance from the ball, its width too, and an even motion."""
+    """Fit a motion that falls off as a Gaussian of the distance from the ball, its width too, and a uniform offset."""
     squared = np.square(dots - MIDDLE).sum(axis=1)[:, None]
 
     def errors(values: np.ndarray) -> np.ndarray:

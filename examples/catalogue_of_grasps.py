@@ -1,13 +1,11 @@
 """List the objects of DexGraspBench's grasps, one per object and size, so that `read-grasps` finds the grasps of each.
 
-python examples/catalogue_of_grasps.py GRASPS OBJECTS
-
 GRASPS has NAME/SCENE/NUMBER.npy, such as output/example_shadow/graspdata; OBJECTS has NAME/mesh/simplified.obj, such as
 assets/example_object. The list is OBJECTS/catalogue.csv, for a manifest with the source {kind: catalogue, path: OBJECTS}.
 """
 
+import argparse
 import csv
-import sys
 from pathlib import Path
 
 from pipeline.formats.grasp_file import Stated, read_grasp_file
@@ -28,4 +26,8 @@ def write_catalogue(grasps: Path, objects: Path) -> int:
 
 
 if __name__ == "__main__":
-    print(f"{write_catalogue(Path(sys.argv[1]), Path(sys.argv[2]))} objects")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("grasps", type=Path)
+    parser.add_argument("objects", type=Path)
+    given = parser.parse_args()
+    print(f"{write_catalogue(given.grasps, given.objects)} objects")

@@ -24,7 +24,7 @@ from pipeline.kernels.touch.friction import (
 )
 from pipeline.kernels.touch.markers import MarkerGrid, dot_displacement, draw_dots
 from pipeline.kernels.touch.ray_depth import ray_depth
-from pipeline.kernels.touch.sensor import MAX_FRICTION, MM, Sensor, pixel_centres
+from pipeline.kernels.touch.sensor import MAX_FRICTION, MM, Sensor, pixel_centres, sensor_differences
 from pipeline.kernels.touch.tactile_image import render_gel
 from vt_pipeline.objects import Source, TouchObject, as_object
 from vt_pipeline.touching import Touch, as_poses, as_rng, as_sensor
@@ -48,7 +48,7 @@ class SlidingTouch(Touch):
 
     @property
     def settled(self) -> bool:
-        """Whether the solver reached its tolerance in this step; if not, its shear is not to be relied on."""
+        """Whether the solver reached its tolerance in this step; if not, do not rely on its shear."""
         return self.state.settled
 
     @cached_property
@@ -142,7 +142,8 @@ def slide(
     if not isinstance(after, SlidingTouch | None):
         raise TypeError(f"after is a step of slide; this is {type(after).__name__}")
     if after is not None and after.sensor != sensor:
-        raise InvalidInput(f"the step to go on from is of {after.sensor}, this is {sensor}: give both the same sensor")
+        entries = ", ".join(sensor_differences(after.sensor, sensor, but_for={}))
+        raise InvalidInput(f"the step to go on from is of {after.sensor}, this is {sensor}, another {entries}: give both the same sensor")
     steps = _steps(object_, sensor, checked, coefficient, after, rng)
     return chain(list(islice(steps, 1)), steps)  # what is wrong with the first pose is said at once
 
@@ -161,8 +162,8 @@ def _steps(
         gel = press_gel(depth, sensor)
         if before is None and gel.contact.any():
             raise InvalidInput(
-                f"poses[0] lies in contact, {MM * gel.indentation.max():.3g} mm deep, and nothing says how the gel was sheared before: let "
-                "the path begin where nothing touches, or go on from another slide's step with `after`"
+                f"poses[0] is in contact, {MM * gel.indentation.max():.3g} mm deep, and the shear of the gel is unknown: start the path "
+                "without contact, or continue from a step of another slide with `after`"
             )
         motion = object_motion(depth, pose if before is None else before, pose, sensor)
         try:
@@ -178,9 +179,9 @@ def _steps(
 def _friction(given: float | None, sensor: Sensor) -> float:
     """Return the coefficient of friction: as given, or the sensor's."""
     if sensor.gel is None:
-        raise InvalidInput(f"sensor {sensor.name} has no elastic gel, which alone can be sheared; give its file `gel: {{modulus: …}}`")
+        raise InvalidInput(f"sensor {sensor.name} has no elastic gel, which slides need; add `gel: {{modulus: …}}` to its file")
     if (friction := sensor.gel.friction if given is None else given) is None:
-        raise InvalidInput(f"the friction of sensor {sensor.name} is not known: give friction=…, or its file `gel: {{friction: …}}`")
+        raise InvalidInput(f"the friction of sensor {sensor.name} is not known: give friction=…, or add `gel: {{friction: …}}` to its file")
     try:
         value = float(friction)
     except (TypeError, ValueError) as error:
@@ -230,7 +231,7 @@ def markers(touch: SlidingTouch, dots: Any = None) -> Markers:
         raise TypeError(f"markers are moved by a step of slide; this is {type(touch).__name__}")
     sensor = touch.sensor
     if dots is None and sensor.markers is None:
-        raise InvalidInput(f"sensor {sensor.name} has no markers: give dots, (N, 2) positions in m, or its file `markers: {{rows: 7, …}}`")
+        raise InvalidInput(f"sensor {sensor.name} has no markers: give dots, (N, 2) in m, or add `markers: {{rows: 7, …}}` to its file")
     grid = sensor.markers or MarkerGrid(rows=1, cols=1, radius=DOT_RADIUS)
     positions = grid.positions(sensor.width, sensor.height) if dots is None else _as_dots(dots, sensor)
     displacement, image = dot_displacement(positions, touch.displacement, sensor.pitch), touch.image.copy()
@@ -246,7 +247,7 @@ def _as_dots(dots: Any, sensor: Sensor) -> NDArray[np.float64]:
         raise TypeError(f"dots are positions (N, 2), m, which this {type(dots).__name__} does not hold") from error
     for number in np.flatnonzero(~(np.abs(positions) <= (sensor.width / 2, sensor.height / 2)).all(axis=1))[:1]:  # NaN is outside
         raise InvalidInput(
-            f"dot {number} lies at {positions[number].tolist()} m, outside the gel of sensor {sensor.name}, whose rim is "
-            f"{sensor.width / 2:g} m and {sensor.height / 2:g} m from its middle"
+            f"dot {number} is at {positions[number].tolist()} m, outside the gel of sensor {sensor.name}, which spans "
+            f"±{sensor.width / 2:g} m along x and ±{sensor.height / 2:g} m along y; move or remove the dot"
         )
     return positions

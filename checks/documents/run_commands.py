@@ -124,7 +124,7 @@ def repository(tmp_path_factory) -> Path:
         ("hands", "allegro_right", "my_hand"),
     ):
         folder = copy / "pipeline" / "assets" / kind
-        (copy / f"{own}.yaml").write_text((folder / f"{shipped}.yaml").read_text().replace("urdf: ", f"urdf: {folder}/"))
+        (copy / f"{own}.yaml").write_text((folder / f"{shipped}.yaml").read_text().replace("model: ", f"model: {folder}/"))
     return copy
 
 

@@ -144,12 +144,19 @@ def export(
         fail(f"{out} is named like a {out.suffix} file, which no export writes; name a folder, or of one scene (--object) a .glb file")
     if one_file and len(chosen) != 1:
         fail(f"{out} is one file: name one object with --object, or a folder")
-    if (out.is_file() and not one_file) or (existing and UNFINISHED not in existing):  # an export that was killed is begun again
+    if (out.is_file() and not one_file) or (existing and UNFINISHED not in existing):
         fail(f"{out} is {'a file' if out.is_file() else 'not empty'}; name a folder that is not there yet")
-    with _written(out, one_file) as folder:
-        if "publish" in parameters:
-            given["publish"] = partial(move_files, folder, out)
-        lines = write(as_location(data), folder, **given)
+    if existing:
+        print_lines(f"{out}: an earlier export was stopped there; the objects that it finished are kept or written again")
+    try:
+        with _written(out, one_file) as folder:
+            if "publish" in parameters:
+                given["publish"] = partial(move_files, folder, out)
+            lines = write(as_location(data), folder, **given)
+    except BaseException:
+        if "publish" in parameters and out.is_dir():
+            (out / UNFINISHED).mkdir(exist_ok=True)  # as after a kill: it may be continued
+        raise
     print_lines(f"{out}: {lines}")
 
 

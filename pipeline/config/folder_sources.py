@@ -185,7 +185,8 @@ class ShapeNet(FolderSource):
         for category, synset in (present if self.classes_may_be_missing else self.synsets).items():
             models = [model for model in sorted((folder / synset).glob("*")) if model.is_dir()]
             files = {model.name: model / "models" / "model_normalized.obj" for model in models}
-            files |= {model.name: model / "model.obj" for model in models if not files[model.name].is_file()}
+            shorter = {model.name: model / "model.obj" for model in models if not files[model.name].is_file()}
+            files |= {name: file for name, file in shorter.items() if file.is_file()}
             complete = sum(file.is_file() for file in files.values())
             where = (folder / synset).resolve()
             if not complete:

@@ -45,7 +45,7 @@ def value_text(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False, default=str).replace('"', "")
 
 
-LOADERS = {"hand": ("hand_listing", "list_hand"), "sensor": ("sensor_file", "load_sensor"), "scene": ("scene_file", "load_scene")}
+LOADERS = {"hand": ("hand_file", "load_hand"), "sensor": ("sensor_file", "load_sensor"), "scene": ("scene_file", "load_scene")}
 """The function that reads each kind of description file, after its module."""
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import torch
 from torch.utils.data import Dataset, default_collate
 
-from pipeline.dataset.grasps import grasp_count
+from pipeline.dataset.grasps import grasp_counts
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.store.storage import Location
 
@@ -31,9 +31,7 @@ class GraspDataset(Dataset[Item]):
         self.arrays = tuple(arrays)
         self.failed = self.rows.failed
         self._of_grasps = {name for name in arrays if self.rows.dims(name)[1:2] == ("grasp",)}
-        counts = dict.fromkeys(self.rows.object_ids, self.rows.size("joint_angles", "grasp"))
-        if (stored := self.rows.collections["grasps"]).first.has("grasp_files"):
-            counts = {name: grasp_count(stored.view(name)) for name in counts}
+        counts = grasp_counts(self.rows.collections["grasps"], self.rows.object_ids)
         self.items = [(object_id, grasp) for object_id, count in counts.items() for grasp in range(count)]
 
     def __len__(self) -> int:

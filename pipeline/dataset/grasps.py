@@ -12,6 +12,7 @@ from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.hand.grasp import Contact, Grasp
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
+from pipeline.store.directory import Collection
 from pipeline.store.rows import Row
 
 ATTRIBUTES = ("hand_pose", "pregrasp_angles", "joint_angles", "squeeze_angles", "sensor_pose")
@@ -34,6 +35,13 @@ def grasp_row(grasps: Sequence[Grasp]) -> Row:
 def grasp_count(row: Mapping[str, np.ndarray]) -> int:
     """Count the grasps of an object's row, of which `read-grasps` may have filled some with empty ones at the end."""
     return len(str(row["grasp_files"]).splitlines()) if "grasp_files" in set(row) else len(row["touch_success"])
+
+
+def grasp_counts(grasps: Collection, object_ids: Sequence[str]) -> dict[str, int]:
+    """Count the grasps of objects, as `grasp_count`."""
+    if not grasps.first.has("grasp_files"):
+        return dict.fromkeys(object_ids, grasps.first.stored("touch_success").shape[1])
+    return {name: grasp_count(grasps.view(name)) for name in object_ids}
 
 
 def read_grasps(row: Mapping[str, np.ndarray]) -> list[Grasp]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.config.sources import fingerprint, modelled
-from pipeline.formats.file_cache import FileCache
+from pipeline.formats.file_cache import FileCache, stamps_of
 from pipeline.store import digest
 from pipeline.store.storage import read_bytes
 
@@ -20,6 +20,7 @@ NO_RESULTS = ("pipeline.cli", "pipeline.console", "pipeline.engine", "pipeline.e
 
 PARSED = Path(util.cache_from_source(__file__)).with_name("sources.pickle")
 """What parsed source files are kept in, beside the compiled ones."""
+WRITTEN_BY = stamps_of([Path(__file__)])
 
 RANDOM_STREAMS = "pipeline.rng"
 """A module that every key depends on: a stage need not import it, because units bring their random generators (`Unit.rng`)."""
@@ -39,7 +40,7 @@ def sources_hash(module: str) -> str:
     packages = frozenset({*OURS, module.partition(".")[0]})
     if _file_of(module, packages) is None:
         raise ModuleNotFoundError(f"there is no module {module} to hash")
-    parsed_files = FileCache(PARSED, [Path(__file__)], limit=10_000)
+    parsed_files = FileCache(PARSED, WRITTEN_BY, limit=10_000)
 
     def parse(name: str, path: Path) -> tuple[str, list[str]]:
         package = name if path.stem == "__init__" else name.rpartition(".")[0]

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from io import BytesIO
+from itertools import islice
 from math import prod
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,9 +20,10 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import read_file
 from pipeline.formats.plain_pickle import read_plain_pickle
 from pipeline.kernels.arrays import Array
-from pipeline.kernels.geometry.transforms import compose, invert_pose
+from pipeline.kernels.geometry.transforms import compose, invert_pose, pose_of
 
 MAX_BYTES = 64 * 2**20  # largest size of a file, and of its arrays together: a grasp takes 1 kB
+MAX_GRASPS = 100_000  # of a file
 MAX_ROUNDING = 1e-3  # by which a rotation's columns, or a quaternion, may differ from unit length: files round to three digits
 PHASES = ("pregrasp", "grasp", "squeeze")
 TRANSLATION, ROTATION = ("WRJTx", "WRJTy", "WRJTz"), ("WRJRx", "WRJRy", "WRJRz")
@@ -72,7 +74,9 @@ def read_grasp_file(path: Path, folder: Path) -> Iterator[FileGrasp]:
     """Read the grasps of a file below a folder. Files with Python objects are read without running what they name."""
     name = visible(path.relative_to(folder).as_posix()).replace("\n", "\\n")
     try:
-        readers = _readers(read_file(path, MAX_BYTES, name))
+        readers = [*islice(_readers(read_file(path, MAX_BYTES, name)), MAX_GRASPS + 1)]
+        if len(readers) > MAX_GRASPS:
+            raise InvalidInput(f"it has more than {MAX_GRASPS} grasps; split it into several files")
     except InvalidInput as error:
         yield FileGrasp(name, error)
         return
@@ -84,23 +88,22 @@ def read_grasp_file(path: Path, folder: Path) -> Iterator[FileGrasp]:
         yield FileGrasp(name if len(readers) == 1 else f"{name}, grasp {number}", stated)
 
 
-def _readers(content: bytes) -> list[Callable[[], Stated]]:
-    """List what reads each grasp of a file."""
+def _readers(content: bytes) -> Iterator[Callable[[], Stated]]:
+    """Yield what reads each grasp of a file."""
     if content.startswith(b"PK"):
         arrays = dict(_members(content))
-        return [partial(_array_grasp, arrays, row) for row in range(_count(arrays))]
-    readers: list[Callable[[], Stated]] = []
+        yield from (partial(_array_grasp, arrays, row) for row in range(_count(arrays)))
+        return
     for entry in np.ravel(_array_of(content, pickled=True)):
         if not isinstance(entry, dict) or not entry.keys() & {"qpos", "grasp_qpos"}:
             entries = f"the entries {abbreviate([ascii(key[:40]) for key in entry])}" if isinstance(entry, dict) else "no dictionary"
             raise InvalidInput(f"it has {entries}; {FORMATS}")
         if "qpos" in entry:
-            readers.append(partial(_dexgraspnet, entry))
+            yield partial(_dexgraspnet, entry)
         elif np.ndim(qpos := _array(entry, "grasp_qpos")) == 2:
-            readers += [partial(_dexgraspbench, entry, row) for row in range(len(qpos))]
+            yield from (partial(_dexgraspbench, entry, row) for row in range(len(qpos)))
         else:
-            readers.append(partial(_dexgraspbench, entry, ...))
-    return readers
+            yield partial(_dexgraspbench, entry, ...)
 
 
 def _members(content: bytes) -> Iterator[tuple[str, np.ndarray]]:
@@ -109,6 +112,8 @@ def _members(content: bytes) -> Iterator[tuple[str, np.ndarray]]:
     try:
         with zipfile.ZipFile(BytesIO(content)) as archive:
             for member in archive.infolist():
+                if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # zipfile expands others at once
+                    raise InvalidInput(f"{member.filename[:40]!a} is compressed in another way than NumPy does; write it again")
                 with archive.open(member) as stream:
                     part = stream.read(left + 1)
                 left -= len(part)
@@ -148,29 +153,27 @@ def _array_of(content: bytes, *, pickled: bool) -> np.ndarray:
 
 def _array_grasp(arrays: Mapping[str, Any], row: int) -> Stated:
     """Read a grasp of an .npz file: positions are in the unit of the object's file."""
-    scale, count = _scale(arrays, "metres_per_unit"), _count(arrays)
-    joints = _array(arrays, "joint_names")
-    if joints.dtype.kind != "U" or joints.ndim != 1:
-        raise InvalidInput(f"joint_names has type {joints.dtype} and shape {joints.shape}; it must be a list of names")
+    scale, count, joints = _scale(arrays, "metres_per_unit"), _count(arrays), _joint_names(arrays)
     renamed = {"grasp": "grasp" if "grasp" in arrays else "joint_angles"}
     names = {phase: renamed.get(phase, phase) for phase in PHASES if phase == "grasp" or phase in arrays}
     angles = {phase: _numbers(arrays, name, (count, len(joints)), row) for phase, name in names.items()}
     pose = _numbers(arrays, "hand_pose", (count, 4, 4), row)
     if not np.allclose(pose[3], (0, 0, 0, 1)):
         raise InvalidInput(f"hand_pose has {pose[3]} as its last row; it must be 0, 0, 0, 1")
-    return Stated(scale, _pose(scale * pose[:3, 3], _matrix(pose[:3, :3])), tuple(map(str, joints)), angles)
+    return Stated(scale, pose_of(_matrix(pose[:3, :3]), scale * pose[:3, 3]), joints, angles)
 
 
 def _dexgraspbench(entry: Mapping[str, Any], row: Any) -> Stated:
     """Read a grasp of DexGraspBench, BODex or Dexonomy: position, m, and quaternion of the hand, real part first, then its joints."""
     names = {phase: f"{phase}_qpos" for phase in PHASES if f"{phase}_qpos" in entry}
-    qpos = {phase: np.atleast_1d(_numbers(entry, name, _array(entry, name).shape, row)) for phase, name in names.items()}
-    if len(lengths := {len(values) for values in qpos.values()}) > 1 or min(lengths) <= 7:
-        raise InvalidInput(f"{', '.join(names.values())} have {sorted(lengths)} numbers; each needs 7 of the root and all joints")
+    shape = _array(entry, "grasp_qpos").shape
+    if len(shape) not in (1, 2) or shape[-1] <= 7:
+        raise InvalidInput(f"grasp_qpos has shape {shape}; it must have 7 numbers of the root and those of all joints, or rows of these")
+    qpos = {phase: _numbers(entry, name, shape, row) for phase, name in names.items()}
     if "obj_scale" not in entry and "scene_path" in entry:
         raise InvalidInput("it names a scene instead of obj_scale and obj_pose; convert it with DexGraspBench's task=format")
-    root, scene = (_pose(values[:3], _quaternion(values[3:7])) for values in (qpos["grasp"], _numbers(entry, "obj_pose", (7,))))
-    joints = tuple(map(str, _array(entry, "joint_names"))) if "joint_names" in entry else ()
+    root, scene = (pose_of(_quaternion(values[3:7]), values[:3]) for values in (qpos["grasp"], _numbers(entry, "obj_pose", (7,))))
+    joints = _joint_names(entry) if "joint_names" in entry else ()
     if joints and len(joints) != len(qpos["grasp"]) - 7:
         raise InvalidInput(f"joint_names has {len(joints)} names, the joints in grasp_qpos are {len(qpos['grasp']) - 7}")
     angles = {phase: values[7:] for phase, values in qpos.items()}
@@ -184,7 +187,7 @@ def _dexgraspnet(entry: Mapping[str, Any]) -> Stated:
         raise InvalidInput(f"qpos is no dictionary; {FORMATS}")
     joints = tuple(name for name in qpos if name not in (*TRANSLATION, *ROTATION))
     position, turn, angles = (np.array([_number(qpos, name) for name in names]) for names in (TRANSLATION, ROTATION, joints))
-    return Stated(_scale(entry, "scale"), _pose(position, Rotation.from_euler("xyz", turn).as_matrix()), joints, {"grasp": angles})
+    return Stated(_scale(entry, "scale"), pose_of(Rotation.from_euler("xyz", turn).as_matrix(), position), joints, {"grasp": angles})
 
 
 def _array(entry: Mapping[str, Any], name: str) -> np.ndarray:
@@ -198,7 +201,14 @@ def _count(arrays: Mapping[str, Any]) -> int:
     shape = _array(arrays, "hand_pose").shape
     if len(shape) != 3 or shape[1:] != (4, 4):
         raise InvalidInput(f"hand_pose has shape {shape}; it must be (G, 4, 4), a matrix per grasp, also of one grasp")
-    return shape[0]
+    return int(shape[0])
+
+
+def _joint_names(entry: Mapping[str, Any]) -> tuple[str, ...]:
+    names = _array(entry, "joint_names")
+    if names.dtype.kind != "U" or names.ndim != 1:
+        raise InvalidInput(f"joint_names has type {names.dtype} and shape {names.shape}; it must be a list of names")
+    return tuple(names.tolist())
 
 
 def _numbers(entry: Mapping[str, Any], name: str, shape: tuple[int, ...], row: Any = ...) -> Array:
@@ -223,7 +233,11 @@ def _number(entry: Mapping[str, Any], name: str) -> float:
 
 def _scale(entry: Mapping[str, Any], name: str, row: Any = ...) -> float:
     value = entry.get(name)
-    scale = _number({name: value[row]} if isinstance(value, np.ndarray) and value.ndim else entry, name)
+    if isinstance(value, np.ndarray) and value.size > 1 and row is not ...:
+        if row >= len(value):
+            raise InvalidInput(f"{name} has {len(value)} values; it must have one, or one per grasp")
+        entry = {name: value[row]}
+    scale = _number(entry, name)
     if scale <= 0:
         raise InvalidInput(f"{name} is {scale:g}; it must be metres per unit of the object's file, above 0")
     return scale
@@ -240,9 +254,3 @@ def _quaternion(values: Array) -> Array:
     if abs(float(np.linalg.norm(values)) - 1) > MAX_ROUNDING:
         raise InvalidInput(f"{values.round(4).tolist()} is no rotation: a quaternion, real part first, must have length 1")
     return np.asarray(Rotation.from_quat(values, scalar_first=True).as_matrix())
-
-
-def _pose(position: Array, rotation: Array) -> Array:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, position
-    return pose

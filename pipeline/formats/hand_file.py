@@ -1,7 +1,7 @@
 """Hand files: the YAML descriptions of robot hands."""
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.util import cache_from_source, find_spec
 from itertools import chain
@@ -21,7 +21,7 @@ from pipeline.formats.mesh_reader import read_within_limits
 from pipeline.formats.mjcf_files import is_mjcf
 from pipeline.formats.urdf import read_urdf
 from pipeline.kernels.arrays import Array
-from pipeline.kernels.geometry.transforms import length
+from pipeline.kernels.geometry.transforms import length, pose_of
 from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.convex_shapes import with_convex_shapes
 from pipeline.kernels.hand.model import Finger, Hand, HandModel, Mount
@@ -33,9 +33,10 @@ Direction = Annotated[Vector, AfterValidator(lambda vector: _not_zero(vector))]
 Label = Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{1,60}$")]  # a name of an array's entry, and of exported files
 TORQUE = 0.7  # N m (N), of motors by default, unless an MJCF states less
 KEPT = Path(cache_from_source(__file__)).with_name("hands.pickle")
-CODE = sorted(file for layer in ("formats", "kernels") for file in Path(__file__).parents[1].joinpath(layer).rglob("*.py"))
+CODE = sorted(file for part in ("formats/*.py", "kernels/**/*.py", "rng.py") for file in Path(__file__).parents[1].glob(part))
 CODE += [Path(spec.origin) for spec in map(find_spec, ("numpy", "scipy", "trimesh", "mujoco")) if spec and spec.origin]
 """Files that what is kept of hands depends on: modules, and what an upgrade of a library writes."""
+WRITTEN_BY = stamps_of(CODE)
 MAX_SKEW = 1e-2
 """Cosine of the angle between a sensor's normal and columns from which it is no rounding: directions of three digits are read."""
 
@@ -63,10 +64,7 @@ class _SensorMount(Entries):
         z, x = _unit(self.normal), _unit(self.columns)
         x = x - (x @ z) * z  # they were rounded
         x /= length(x)
-        pose = np.eye(4)
-        pose[:3, :3] = np.column_stack([x, np.cross(z, x), z])
-        pose[:3, 3] = self.origin
-        return pose
+        return pose_of(np.column_stack([x, np.cross(z, x), z]), self.origin)
 
 
 class _FingerEntry(Entries):
@@ -109,7 +107,7 @@ class HandFile(Entries):
     fingers: list[_FingerEntry] = Field(min_length=1, description="One or more; a moving joint is in one of them, or `frozen`.")
     frozen: dict[str, Coordinate] = Field({}, description="Angles, rad (m), of moving joints that no finger uses.")
     allowed_contacts: list[tuple[str, str]] = Field(
-        [], description="Pairs of links that may overlap. Neighbours that overlap at rest need no entry."
+        [], description="Pairs of links that may overlap. Neighbours that overlap at rest, and pairs that an MJCF excludes, need no entry."
     )
     convex_parts: dict[str, Annotated[int, Field(ge=1, le=32)]] = Field(
         {},
@@ -168,25 +166,27 @@ def _unit(vector: Vector) -> Array:
 def load_hand(
     name: str | Path,  # of a shipped hand (`allegro_right`), or the path of a hand file
 ) -> Hand:
-    """Read a hand with its URDF or MJCF and meshes; heavy collision meshes become convex shapes (`with_convex_shapes`).
-
-    It is kept between runs, until anything is written beside its files, unless a mesh names a file that is missing and may appear.
-    """
+    """Read a hand, or find it as kept between runs; heavy collision meshes become convex shapes (`with_convex_shapes`)."""
     path = description_path("hand", name).resolve()
     if path in _cached:
         stamps, hand = _cached[path]
         if stamps and stamps == stamps_of(hand.files):
             return hand
-    kept = FileCache(KEPT, CODE, limit=10)
+    kept = FileCache(KEPT, WRITTEN_BY, limit=10)
     hand = kept.find(str(path))
     if hand is None:
         hand = _read(path)
-        if not any(shape.mesh.unread for link in hand.links for shape in (*link.visuals, *link.collisions)):
-            kept.keep(str(path), hand, {place for file in hand.files for place in (file, file.parent)})
-            kept.save()
+        keep_with_hand(kept, str(path), hand, hand)
     _cached.clear()
-    _cached[path] = stamps_of(hand.files), hand
+    _cached[path] = stamps_of(hand.files, kept.opened), hand
     return hand
+
+
+def keep_with_hand(cache: FileCache, name: str, value: object, hand: Hand, files: Iterable[Path] = ()) -> None:
+    """Keep a value until anything is written beside the files of a hand, or these; not where a mesh names a file that may appear."""
+    if not any(shape.mesh.unread for link in hand.links for shape in (*link.visuals, *link.collisions)):
+        cache.keep(name, value, {place for file in (*hand.files, *files) for place in (file, file.parent)})
+        cache.save()
 
 
 _cached: dict[Path, tuple[Stamps | None, Hand]] = {}
@@ -247,7 +247,7 @@ def _assemble(file: HandFile, path: Path, model: Path) -> Hand:
     )
     pairs = [sorted((numbers[one], numbers[other])) for one, other in file.allowed_contacts]
     stated = frozenset((first, second) for first, second in pairs)
-    return replace(hand, allowed_contacts=overlapping_neighbours(hand, collision_boxes(hand)) | stated)
+    return replace(hand, allowed_contacts=overlapping_neighbours(hand, collision_boxes(hand)) | described.allowed_contacts | stated)
 
 
 def _fingers(file: HandFile, roles: JointRoles, numbers: Mapping[str, int], path: Path) -> tuple[tuple[Finger, ...], tuple[Mount, ...]]:

@@ -20,14 +20,14 @@ from pipeline.formats.urdf import MAX_PARTS
 from pipeline.formats.urdf_shapes import MAX_NUMBER, MAX_TURN, PRIMITIVES, check_unit
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Look, Mesh
-from pipeline.kernels.geometry.transforms import compose, length, rotation_from_euler, transform_points
+from pipeline.kernels.geometry.transforms import compose, length, pose_of, rotation_from_euler, transform_points
 from pipeline.kernels.hand.kinematics import joint_motion
 from pipeline.kernels.hand.model import HandModel, Inertial, Joint, Link, Shape
 
 DIGITS = 10  # decimals of poses, m and rad
 MAX_GROUP = 2  # of geoms that MuJoCo's viewer shows unasked
-UNNEEDED = ("cameras", "lights", "sites", "sensors", "keys", "excludes", "textures", "skins", "flexes")
-"""What a grasp does without, as a `MjSpec` calls it."""
+UNNEEDED = ("cameras", "lights", "sites", "sensors", "keys", "textures", "skins", "flexes")
+"""Elements that grasps do not need, by their names in `MjSpec`."""
 NUMBERS = (
     "body_pos",
     "body_mass",
@@ -70,9 +70,17 @@ def parse_mjcf(path: Path, root: str) -> HandModel:
     for body in bodies:
         reader.add(model.body(body))
     unneeded = ", ".join(f"{name} ({count})" for name in UNNEEDED if (count := len(getattr(spec, name))))
-    notes = [f"the MJCF has what grasps do without: {unneeded}"] if unneeded else []
+    notes = [f"elements of the MJCF that grasps do not need are ignored: {unneeded}"] if unneeded else []
     torque = min((force for force in couplings.forces if np.isfinite(force)), default=None)
-    return HandModel(tuple(reader.links), tuple(reader.joints), tuple(files[1:]), (*notes, *couplings.notes), torque)
+    excluded = [sorted(reader.numbers.get(body, -1) for body in divmod(int(pair), 2**16)) for pair in model.exclude_signature]
+    return HandModel(
+        links=tuple(reader.links),
+        joints=tuple(reader.joints),
+        files=tuple(files[1:]),
+        notes=(*notes, *couplings.notes),
+        torque=torque,
+        allowed_contacts=frozenset((first, second) for first, second in excluded if first >= 0),
+    )
 
 
 def _kind(enumeration: str, number: Array) -> str:  # (1,)
@@ -88,7 +96,7 @@ class _Reader:
         self._model, self._couplings = model, couplings
         self.links: list[Link] = []
         self.joints: list[Joint] = []
-        self._numbers: dict[int, int] = {}  # of links, by body
+        self.numbers: dict[int, int] = {}  # of links, by body
         self._faces = 0
 
     def add(self, body: Any) -> None:
@@ -101,13 +109,13 @@ class _Reader:
                 frame = _pose(-joint.pos)
             if not steps or frame[:3, 3].any():
                 steps.append((None, frame))
-            parent = self._numbers[body.parentid.item()]
+            parent = self.numbers[body.parentid.item()]
             for joint, origin in steps:
                 if self.joints and len(self.joints) == len(self.links):  # a step of this body is done
                     self.links.append(Link(f"{body.name}/{self.joints[-1].name}", (), ()))
                     parent = len(self.links) - 1
                 self.joints.append(self._joint(joint, parent, origin) if joint else self._fixed(f"{body.name}/fixed", parent, origin))
-        self._numbers[body.id] = len(self.links)
+        self.numbers[body.id] = len(self.links)
         self.links.append(Link(body.name, *self._shapes(body), _inertial(body)))
 
     def _fixed(self, name: str, parent: int, origin: Array) -> Joint:
@@ -135,14 +143,14 @@ class _Reader:
         low, high = np.clip(self._couplings.reach.get(joint.id, (lower, upper)), lower, upper).tolist()
         if joint.limited and low < high and (low, high) != (lower, upper):
             self._couplings.notes.append(
-                f"joint {joint.name} has limits {lower:.4g} … {upper:.4g}, its actuator {low:.4g} … {high:.4g}: they count"
+                f"joint {joint.name} has limits {lower:.4g} … {upper:.4g}; its actuator reaches {low:.4g} … {high:.4g}, which counts"
             )
             lower, upper = low, high
         pose, rpy = _rounded(origin)
         return Joint(joint.name, kind, parent, len(self.links), pose, axis, lower, upper, mimic, rpy)
 
     def _shapes(self, body: Any) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
-        """Read what is seen of a body, and what collides: if nothing is there for the eye alone, what collides is seen."""
+        """Read the visuals and collision shapes of a body; one without visuals of its own shows its collision shapes."""
         model = self._model
         numbers = range(body.geomadr.item(), body.geomadr.item() + body.geomnum.item())
         geoms = [geom for geom in map(model.geom, numbers) if _kind("mjtGeom", geom.type) not in ("plane", "hfield")]
@@ -192,17 +200,11 @@ def _inertial(body: Any) -> Inertial | None:
 
 
 def _pose(position: ArrayLike, quaternion: ArrayLike = (1.0, 0.0, 0.0, 0.0)) -> Array:  # (4, 4)
-    pose = np.eye(4)
-    pose[:3, :3] = scipy.spatial.transform.Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-    pose[:3, 3] = position
-    return pose
+    return pose_of(scipy.spatial.transform.Rotation.from_quat(quaternion, scalar_first=True).as_matrix(), position)
 
 
 def _rounded(pose: Array) -> tuple[Array, tuple[float, ...]]:
     """Round a pose (4, 4) to `DIGITS`, and return it with its roll, pitch and yaw, rad, from which engines make the same one."""
     angles = scipy.spatial.transform.Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", suppress_warnings=True)
     angles = np.round(angles, DIGITS) + 0.0  # no negative zeros
-    rounded = np.eye(4)
-    rounded[:3, :3] = rotation_from_euler(angles)
-    rounded[:3, 3] = np.round(pose[:3, 3], DIGITS) + 0.0
-    return rounded, tuple(angles.tolist())
+    return pose_of(rotation_from_euler(angles), np.round(pose[:3, 3], DIGITS) + 0.0), tuple(angles.tolist())

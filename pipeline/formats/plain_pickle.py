@@ -17,6 +17,7 @@ from pipeline.errors import InvalidInput
 
 MAX_STEPS = 2_000_000
 """Opcodes that are followed, 200 bytes of memory each at most: 5,000 grasps of DexGraspNet have 400,000."""
+MAX_DIMS = 32  # of an array: the product of many large sizes would take hours
 MODULES = ("numpy.core.multiarray", "numpy._core.multiarray")
 """Of NumPy 1 and 2, whose functions make arrays in pickles."""
 NAMES = {
@@ -30,7 +31,7 @@ VALUES |= {"BINBYTES", "SHORT_BINBYTES", "BINBYTES8"}
 """Opcodes whose argument is the value."""
 CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False, "EMPTY_TUPLE": ()}
 TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
-DTYPES = re.compile(r"b1|[iu][1248]|f[248]|U[0-9]{1,4}|O8?")
+DTYPES = re.compile(r"b1|[iu][1248]|f[248]|U[1-9][0-9]{0,3}|O8?")
 MARK = object()
 
 
@@ -114,11 +115,11 @@ class _Interpreter:
             case "GLOBAL" | "STACK_GLOBAL":
                 text = argument if name == "GLOBAL" else " ".join(_taken([stack.pop(-2), stack.pop()], 2))
                 if text not in NAMES:
-                    raise InvalidInput(f"its pickle names {text[:100]!r}, which is not called here; write numbers and text as .npz")
+                    raise InvalidInput(f"its pickle names {text[:100]!r}; only NumPy arrays, numbers and text are read: write .npz")
                 stack.append(_Named(NAMES[text]))
             case "REDUCE":
                 arguments = stack.pop()
-                stack.append(self._made(stack.pop(), *arguments))
+                stack.append(self._made(stack.pop(), *_of_kind(arguments, tuple)))
             case "BUILD":
                 self._build(stack.pop(), stack[-1])
             case _:
@@ -139,7 +140,7 @@ class _Interpreter:
                 return _Dtype(code)
             case _Named("scalar"), (_Dtype() as dtype, bytes(content)):
                 return self._fill(np.empty(0), (), dtype, content)[()]
-        raise InvalidInput("its pickle calls something else than numpy.save does for arrays of numbers, or of text; write it again as .npz")
+        raise InvalidInput("its pickle has a call that numpy.save does not write for arrays of numbers or text; write it again as .npz")
 
     def _build(self, state: Any, target: Any) -> None:
         """Give a type its byte order, or an array its type, shape and elements."""
@@ -149,13 +150,13 @@ class _Interpreter:
             case np.ndarray(), (1, shape, _Dtype() as dtype, bool(fortran), content):
                 self._fill(target, shape, dtype, content, fortran=fortran)
             case _:
-                raise InvalidInput("its pickle has an array with fields, or another object; write arrays of numbers, or of text, as .npz")
+                raise InvalidInput("its pickle has an array with fields, or another object; write arrays of numbers or text as .npz")
 
     def _fill(self, array: np.ndarray, shape: Any, dtype: _Dtype, content: Any, *, fortran: bool = False) -> np.ndarray:
         """Fill an array of a shape whose elements are all in `content`."""
         kind = np.dtype(dtype.code).newbyteorder(dtype.order)
-        if not (isinstance(shape, tuple) and all(type(size) is int and size >= 0 for size in shape)):
-            raise ValueError("an array's shape is no tuple of numbers")
+        if not (isinstance(shape, tuple) and len(shape) <= MAX_DIMS and all(type(size) is int and 0 <= size < 2**31 for size in shape)):
+            raise ValueError(f"an array's shape is no tuple of at most {MAX_DIMS} sizes")
         held, size = (list, 1) if kind.hasobject else (bytes, kind.itemsize)
         if not isinstance(content, held) or len(content) != math.prod(shape) * size:
             raise ValueError("an array has fewer elements, or more, than its shape says")
@@ -168,7 +169,7 @@ class _Interpreter:
 
 def _of_kind(target: Any, kind: type) -> Any:
     if not isinstance(target, kind):
-        raise ValueError(f"it fills something that is no {kind.__name__}")
+        raise ValueError(f"it has something else in the place of a {kind.__name__}")
     return target
 
 

@@ -23,10 +23,14 @@ from pipeline.store import digest
 from pipeline.store.directory import Collection, DataDirectory, shard_of
 from pipeline.store.record import ShardRecord
 from pipeline.store.storage import Location
+from schemas.base import Artifact
 from schemas.catalogue import ARTIFACTS
 from stages.registry import DATASET, load_stage
 
-MADE_BY = {artifact.stage: artifact for artifact in ARTIFACTS.values()}  # the artifact of each stage that makes one
+
+def artifacts_by_stage() -> dict[str, Artifact]:
+    """Return the artifact of each stage that makes one; schemas of plugins are imported here, broken ones with an error."""
+    return {artifact.stage: artifact for artifact in ARTIFACTS.values()}
 
 
 def source_hash(source: Mapping[str, Any]) -> str:
@@ -53,8 +57,9 @@ def recipe_of(
 ) -> Recipe:
     """Make the recipe of a dataset."""
     directory = DataDirectory(data)
-    by_stage = {name: collection for name in DATASET if (collection := directory.collection(MADE_BY[name])).shards}
-    first_record = directory.collection(MADE_BY[DATASET[0]]).first.record
+    made_by = artifacts_by_stage()
+    by_stage = {name: collection for name in DATASET if (collection := directory.collection(made_by[name])).shards}
+    first_record = directory.collection(made_by[DATASET[0]]).first.record
     if others := {collection.first.record.stage for collection in by_stage.values()} - set(DATASET):
         raise InvalidInput(f"{', '.join(others)} read files that no recipe names; publish these files, or the dataset")
     named = manifest or first_record.options.get("--manifest", first_record.manifest)
@@ -196,12 +201,12 @@ def compare(
     names: Names[str] | None = None,  # only the rows of these objects, without the roots; by default all
 ) -> Comparison:
     """Compare the digests of a data directory's records with those of a recipe."""
-    comparison, differing_before = Comparison(), set[str]()
+    comparison, differing_before, made_by = Comparison(), set[str](), artifacts_by_stage()
     selected = recipe.rows.keys() if names is None else names
     for number, (stage, expected) in enumerate(recipe.stages.items()):
-        if stage not in MADE_BY:
+        if stage not in made_by:
             raise InvalidInput(f"no artifact here is made by {stage}, which the recipe has; use the version that wrote it")
-        collection = directory.collection(MADE_BY[stage])
+        collection = directory.collection(made_by[stage])
         stored = set(collection)
         present = [name for name in selected if name in stored]
         if len(present) < len(selected):

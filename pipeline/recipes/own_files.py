@@ -15,9 +15,9 @@ from pipeline.console import NAMED, pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import Kind, description_path, read_yaml, shipped_files, texts_in
 from pipeline.formats.file_content import read_file
-from pipeline.formats.hand_listing import list_hand
+from pipeline.formats.hand_file import load_hand
 from pipeline.formats.mesh_companions import MAX_BYTES
-from pipeline.formats.sensor_file import sensor_files
+from pipeline.formats.sensor_file import sensor_files, sensor_names
 from pipeline.recipes.recipe import MAX_TEXTS, TEXT_SUFFIXES, Recipe, check_file_name
 from pipeline.store.atomic import refuse_links, write_atomically
 
@@ -66,11 +66,11 @@ def _files(kind: Kind, name: str) -> Iterator[Path]:
     elif kind == "scene":
         yield description_path(kind, name)
     else:
-        hand = list_hand(name)
+        hand = load_hand(name)
         yield from hand.files
         for path in hand.files[1:]:  # each in a package, of which this is the mark
             yield from [file for folder in path.resolve().parents if (file := folder / "package.xml").is_file()][:1]
-        yield from sensor_files([sensor for sensor in hand.sensors if sensor not in shipped_files("sensor")])
+        yield from sensor_files([sensor for sensor in sensor_names(hand) if sensor not in shipped_files("sensor")])
 
 
 def read_files(files: Mapping[str, Path]) -> tuple[dict[str, str], dict[str, str]]:
@@ -116,7 +116,7 @@ def place_files(recipe: Recipe, folder: Path) -> None:
         outside = _names_outside(folder / name, name)
         if name in hands and not outside:
             with suppress(InvalidInput):  # one that cannot be used is named when the settings are checked
-                outside = [str(file) for file in list_hand(folder / name).files if not file.resolve().is_relative_to(folder.resolve())]
+                outside = [str(file) for file in load_hand(folder / name).files if not file.resolve().is_relative_to(folder.resolve())]
         if outside:
             raise InvalidInput(f"the recipe's {name} names {outside[0]!r}, which may lie outside the folder of its files; do not use it")
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
+from pipeline.kernels.geometry.transforms import pose_of
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.view_transfer import camera_direction, moved_projection, optical_centre, split_projection
 from pipeline.models.reconstruction import Trained
@@ -104,8 +105,7 @@ def network_axes(
     upright = turn_to_z(np.array(observation.up))
     if observation.view is None or target is None or target.projection is None:
         return upright
-    motion = np.eye(4)
-    motion[:3, :3], motion[:3, 3] = upright, -upright @ point
+    motion = pose_of(upright, -upright @ point)
     azimuth = camera_direction(moved_projection(observation.view.matrix, motion), np.zeros(3)).azimuth
     angle = camera_direction(target.projection, np.array(target.network.centre)).azimuth - azimuth
     cosine, sine = np.cos(angle), np.sin(angle)

@@ -116,7 +116,7 @@ class Shard:
     def described(self) -> dict[str, StoredArray]:
         """Parse the `zarr.json` of every array, of which the schema may have none."""
         names = [file.removesuffix("/zarr.json") for file in self._files if file.endswith("/zarr.json")]
-        contents = zip(names, map_in_threads(lambda name: read_bytes(self.path / name / "zarr.json"), names), strict=True)
+        contents = zip(names, map_in_threads(read_bytes, [self.path / name / "zarr.json" for name in names]), strict=True)
         return {name: StoredArray.open(self.path / name, text) for name, text in contents if json.loads(text)["node_type"] == "array"}
 
     def stored(self, name: str) -> StoredArray:

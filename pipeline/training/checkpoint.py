@@ -58,9 +58,12 @@ def load(folder: Path, module: nn.Module, optimizer: torch.optim.Optimizer) -> t
     except (FileNotFoundError, SafetensorError):
         return {}, Progress()
     module.load_state_dict(_below("module", tensors))
+    parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
     moments: dict[int, dict[str, Tensor]] = defaultdict(dict)
     for name, value in _below("optimizer", tensors).items():
         index, moment = name.split("/")
+        if value.ndim:  # fused Adam goes through memory: moments must be laid out as their weights, perhaps channels last
+            value = torch.empty_like(parameters[int(index)], dtype=value.dtype, device="cpu").copy_(value)
         moments[int(index)][moment] = value
     optimizer.load_state_dict(optimizer.state_dict() | {"state": moments})
     return _below("best", tensors), progress

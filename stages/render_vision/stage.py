@@ -17,7 +17,6 @@ from pipeline.engine.stage import Cost, Inputs, ObjectStage, Trade, Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
-from pipeline.formats.hand_listing import list_hand
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, POSITION, bounding_diagonal
 from pipeline.kernels.hand.kinematics import forward_kinematics
@@ -89,7 +88,7 @@ class RenderVision(ObjectStage):
 
     def assets(self, settings: VisionSettings) -> list[Path]:
         """List the files of the scene, the hand and the shaders."""
-        return [description_path("scene", settings.scene), *list_hand(str(settings.hand)).files, *shader_paths()]
+        return [description_path("scene", settings.scene), *load_hand(str(settings.hand)).files, *shader_paths()]
 
     def resolve_settings(self, settings: VisionSettings, attributes: Mapping[str, Mapping[str, Any]]) -> VisionSettings:
         """Choose the hand of the grasps."""
@@ -100,7 +99,7 @@ class RenderVision(ObjectStage):
         hand = attributes["grasps"]["settings"]["hand"]
         if settings.hand == hand:
             check_hand_exists(hand, "name the file with --set render-vision.hand=PATH")
-        if attributes["grasps"]["hand"]["digest"] == assets_digest(list_hand(str(settings.hand)).files):  # the files may have been moved
+        if attributes["grasps"]["hand"]["digest"] == assets_digest(load_hand(str(settings.hand)).files):  # the files may have been moved
             return
         if hand != settings.hand:
             raise InvalidInput(

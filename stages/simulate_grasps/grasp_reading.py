@@ -12,7 +12,7 @@ from pipeline.engine.stage import Inputs, Unit
 from pipeline.errors import InvalidInput, missing_name
 from pipeline.formats.grasp_file import PHASES, FileGrasp, Stated, grasp_files, read_grasp_file
 from pipeline.kernels.arrays import Array
-from pipeline.kernels.geometry.transforms import compose, length
+from pipeline.kernels.geometry.transforms import compose, length, pose_of
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.physics.hold_test import HoldTest
 from pipeline.physics.simulation import Simulation
@@ -74,8 +74,7 @@ class GraspReader:
         self.scale = float(np.cbrt(np.linalg.det(placement[:3, :3])))
         self.frame = placement.copy()
         self.frame[:3, :3] /= self.scale
-        self.root = np.eye(4)
-        self.root[:3, :3], self.root[:3, 3] = Rotation.from_quat(settings.root[3:], scalar_first=True).as_matrix(), settings.root[:3]
+        self.root = pose_of(Rotation.from_quat(settings.root[3:], scalar_first=True).as_matrix(), settings.root[:3])
 
     def row(self, grasps: Iterable[FileGrasp]) -> Row:
         """Make the row of the first grasps that can be used; the others are named with the reason."""
@@ -159,6 +158,8 @@ class GraspReader:
                 raise InvalidInput(
                     f"{missing_name('joint', name[:100], known)}; rename it by read-grasps.joints, or take a hand that has it"
                 )
+        if twice := [name for name in by_name if list(names).count(name) > 1]:
+            raise InvalidInput(f"joint {twice[0]!r} is there twice; give each joint one value, or correct read-grasps.joints")
         if lacking := [name for name in hand.joint_names if name not in by_name]:
             raise InvalidInput(f"it has no value for {abbreviate(lacking)} of hand {hand.name}; it is for another hand")
         vector = np.array([by_name[name] for name in hand.joint_names])

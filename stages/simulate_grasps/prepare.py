@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.formats.file_cache import FileCache
-from pipeline.formats.hand_file import CODE, load_hand
+from pipeline.formats.file_cache import FileCache, stamps_of
+from pipeline.formats.hand_file import CODE, keep_with_hand, load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files, sensor_names
 from pipeline.kernels.arrays import Array, Floats
 from pipeline.kernels.geometry.mesh import Mesh
@@ -26,6 +26,7 @@ FINGER_GAP = 0.001  # m kept between fingers, and between fingers and palm; half
 CLEARANCE = 0.001  # m that rigid links keep from the object: 2 mm costs 4 % of the touches, under 1 mm contact begins to push
 GRID_CELL = 0.005  # m of the distance grid: 2.5 mm changes no grasp and takes half as long again, with 10 mm one link was 0.2 mm deep
 KEPT = Path(cache_from_source(__file__)).with_name("prepared_hands.pickle")
+WRITTEN_BY = stamps_of([*CODE, Path(__file__)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,14 +75,14 @@ def measured_hand(settings: HandSettings) -> MeasuredHand:
 
 def prepare_hand(settings: GraspSettings) -> PreparedHand:
     """Load the hand and sensors of these settings and sample the hand's postures, or find them as an earlier run left them."""
+    kept = FileCache(KEPT, WRITTEN_BY, limit=3)
     hand = load_hand(settings.hand)
     names = sensor_names(hand, settings.sensor)
-    kept, name = FileCache(KEPT, [*CODE, Path(__file__)], limit=3), f"{hand.path} {names} {settings.ik_samples}"
+    name = f"{hand.path} {names} {settings.ik_samples}"
     prepared: PreparedHand | None = kept.find(name)
     if prepared is None:
         prepared = _prepare(hand, load_worn_sensors(names), settings.ik_samples)
-        kept.keep(name, prepared, [*hand.files, *sensor_files(names)])
-        kept.save()
+        keep_with_hand(kept, name, prepared, hand, sensor_files(names))
     return prepared
 
 

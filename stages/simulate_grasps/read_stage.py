@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from itertools import islice
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 from pydantic import field_validator
@@ -61,12 +61,6 @@ class ReadSettings(HandSettings):
     penetration_limit: float = setting(
         0.01, "m that a rigid link may penetrate the object in a grasp; DexGraspBench tests none that is deeper", ge=0, changes="definition"
     )
-    hold_test: Literal["none", "lift", "six"] | None = setting(
-        None,
-        "lift: the object is freed in the grasp, and must rest in the hand after a second of gravity; six: along ± x, ± y and ± z in turn, "
-        "in six times the time; null: none",
-        changes="definition",
-    )
 
     @field_validator("root")
     @classmethod
@@ -96,7 +90,7 @@ class ReadGrasps(GraspStage):
         heads = {name[:dash] for name in names for dash, sign in enumerate(name) if sign == "-"} | names
         entries = [path for path in folder.iterdir() if path.is_dir() or path.suffix in (".npz", ".npy")]
         if strange := sorted(path.name for path in entries if (path.name if path.is_dir() else path.stem) not in heads):
-            yield f"warning: grasps of no object of the manifest ({abbreviate(strange)}): call them as an object, or add it to the manifest"
+            yield f"warning: grasps whose object is not in the manifest ({abbreviate(strange)}): rename their files, or add the object"
 
     def describe_shard(self, settings: ReadSettings, shard: Shard) -> Iterator[str]:
         """Count the grasps that were read, and say why others were not."""

@@ -14,7 +14,6 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Trade, Unit
 from pipeline.formats.hand_file import load_hand
-from pipeline.formats.hand_listing import list_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files, sensor_names
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
@@ -41,7 +40,7 @@ class HandSettings(ObjectSettings):
     hold_test: Literal["none", "lift", "six"] | None = setting(
         None,
         "lift: the object is freed in the grasp, and must rest in the hand after a second of gravity; six: along ± x, ± y and ± z in turn, "
-        "in six times the time; null: none for search touch, where it is recorded only, and lift for hold, which keeps what passes",
+        "in six times the time; it is recorded, and simulate-grasps.search=hold keeps what passes; null: lift for that, else none",
         changes="definition",
     )
     hold_mass: float = setting(
@@ -136,8 +135,8 @@ class GraspStage(ObjectStage):
 
     def assets(self, settings: Any) -> list[Path]:
         """List the hand file with all it names, and the sensor files."""
-        hand = list_hand(settings.hand)
-        return [*hand.files, *sensor_files([settings.sensor] if settings.sensor else hand.sensors)]
+        hand = load_hand(settings.hand)
+        return [*hand.files, *sensor_files([settings.sensor] if settings.sensor else sensor_names(hand))]
 
     def constants(self, settings: Any) -> Row:
         """Name grasps, sensors and joints, for later stages' arrays too."""

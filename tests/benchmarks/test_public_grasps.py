@@ -43,10 +43,11 @@ def grasps(own: list[list[bool]], ours: list[bool]) -> GraspSet:
 
 
 def test_verdicts_are_compared_for_the_grasps_that_both_tests_took() -> None:
-    result = table({"some": grasps([[True, False, False], [False, True, True]], [True, True])})
+    result = table({"some": grasps([[True, True, False], [False, True, False]], [True, True])})
     cells = {name: cell for name, cell in result.rows}
     assert cells["grasps in its own test, in ours"] == "6, 2"
     assert cells["held in its own test, %"] == "50"
+    assert cells["of the first and the last of each object"] == "50, 0"
     assert cells["same verdict in both, %"] == "50"  # of [True, False] and [True, True]
     assert cells["at most 1 mm inside, %"] == "50"
     assert cells["processor seconds to make a grasp"] == "–"

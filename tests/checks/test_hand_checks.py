@@ -24,7 +24,7 @@ DESCRIBED = description_path("hand", "two_finger_gripper").read_text()
 def gripper(folder: Path, urdf: str | None = None, **changes: Any) -> Path:
     """Write a changed gripper, perhaps with another URDF."""
     (folder / "other.urdf").write_text(URDF.read_text() if urdf is None else urdf)
-    return edited("hand", "two_finger_gripper", folder / "hand.yaml", urdf="other.urdf", **changes)
+    return edited("hand", "two_finger_gripper", folder / "hand.yaml", model="other.urdf", **changes)
 
 
 def lines_of(folder: Path, urdf: str | None = None, **changes: Any) -> list[str]:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.formats import file_cache
-from pipeline.formats.file_cache import FileCache
+from pipeline.formats.file_cache import FileCache, stamps_of
 
 
 @pytest.fixture
@@ -21,21 +21,31 @@ def test_value_is_kept_until_its_file_or_the_code_changes(tmp_path: Path, source
     """Values are whatever can be pickled."""
     code, path = tmp_path / "code.py", tmp_path / "new" / "kept.pickle"
     code.touch()
-    kept = FileCache(path, [code], limit=2)
+    kept = FileCache(path, stamps_of([code]), limit=2)
     assert kept.find("name") is None
     kept.keep("name", {"value": (1, 2.0)}, [source])
     kept.save()
-    assert FileCache(path, [code], limit=2).find("name") == {"value": (1, 2.0)}
+    assert FileCache(path, stamps_of([code]), limit=2).find("name") == {"value": (1, 2.0)}
     code.write_text("another")
-    assert FileCache(path, [code], limit=2).find("name") is None
+    assert FileCache(path, stamps_of([code]), limit=2).find("name") is None
     source.write_text("new")
+    assert kept.find("name") is None
+
+
+def test_value_is_not_kept_if_its_file_was_written_since_the_cache_was_opened(tmp_path: Path, source: Path) -> None:
+    """It may be of what the file held before."""
+    kept = FileCache(tmp_path / "kept.pickle", None, limit=2)
+    kept.opened = source.stat().st_ctime_ns  # as if the file had been written just then
+    kept.keep("name", "value", [source])
+    assert kept.find("name") is None
+    kept.keep("name", "value", [tmp_path / "missing"])
     assert kept.find("name") is None
 
 
 def test_oldest_and_large_values_are_not_kept(tmp_path: Path, source: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The file stays small."""
     monkeypatch.setattr(file_cache, "MAX_BYTES", 100)
-    kept = FileCache(tmp_path / "kept.pickle", [], limit=2)
+    kept = FileCache(tmp_path / "kept.pickle", None, limit=2)
     for name in ("first", "second", "third"):
         kept.keep(name, name, [source])
     kept.keep("large", bytes(101), [source])
@@ -47,8 +57,19 @@ def test_damaged_file_holds_nothing_and_is_written_anew(tmp_path: Path, source: 
     """As after a crash, or from another version."""
     path = tmp_path / "kept.pickle"
     path.write_bytes(content)
-    kept = FileCache(path, [], limit=2)
+    kept = FileCache(path, None, limit=2)
     assert kept.find("name") is None
     kept.keep("name", "value", [source])
     kept.save()
-    assert FileCache(path, [], limit=2).find("name") == "value"
+    assert FileCache(path, None, limit=2).find("name") == "value"
+
+
+def test_cache_that_cannot_be_written_leaves_nothing_behind(tmp_path: Path, source: Path) -> None:
+    """As on a full disk, or a read-only one."""
+    path = tmp_path / "kept.pickle"
+    path.mkdir()  # no file can replace it
+    kept = FileCache(path, None, limit=2)
+    kept.keep("name", "value", [source])
+    kept.save()
+    assert kept.find("name") == "value"
+    assert sorted(tmp_path.iterdir()) == [path, source]

@@ -1,6 +1,7 @@
 """Files of grasps: four formats, the same grasp; what is wrong with one grasp leaves the others."""
 
 import pickle
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -102,7 +103,13 @@ def test_dictionary_with_rows_is_several_grasps(tmp_path: Path) -> None:
     [
         (bench(grasp_qpos=np.full(9, np.nan)), "grasp_qpos has a value that is not finite"),
         (bench(grasp_qpos=np.full(9, 0.1)), "is no rotation: a quaternion"),
-        (bench(grasp_qpos=np.zeros(12)), "have \\[9, 12\\] numbers"),
+        (bench(grasp_qpos=np.zeros(12)), "pregrasp_qpos has shape \\(9,\\) .* must be numbers of shape \\(12,\\)"),
+        (bench(pregrasp_qpos=np.zeros((9, 9))), "pregrasp_qpos has shape \\(9, 9\\) .* must be numbers of shape \\(9,\\)"),
+        (bench(grasp_qpos=np.zeros((2, 9)), pregrasp_qpos=np.zeros((1, 9))), "pregrasp_qpos has shape \\(1, 9\\)"),
+        (bench(grasp_qpos=np.zeros((9, 3, 9))), "grasp_qpos has shape \\(9, 3, 9\\); it must have 7 numbers of the root"),
+        (bench(grasp_qpos=np.zeros(7)), "grasp_qpos has shape \\(7,\\); it must have 7 numbers of the root and those of all joints"),
+        (bench(joint_names=np.array("a")), "joint_names has type <U1 and shape \\(\\); it must be a list of names"),
+        (bench(joint_names=np.array([["a"], None], object)), "joint_names has type object"),
         (bench(grasp_qpos=[0.0] * 9), "it has no array grasp_qpos"),
         (bench(obj_pose=np.zeros(3)), "obj_pose has shape \\(3,\\)"),
         (bench(joint_names=np.array(["a"])), "joint_names has 1 names, the joints in grasp_qpos are 2"),
@@ -139,6 +146,18 @@ def test_a_wrong_grasp_leaves_the_others(tmp_path: Path) -> None:
     assert isinstance(second, Stated)
 
 
+def test_one_scale_is_of_all_rows_and_too_few_are_refused(tmp_path: Path) -> None:
+    rows = {name: np.stack([values] * 3) for name, values in bench().items() if name.endswith("_qpos")}
+    assert all(isinstance(stated, Stated) for stated in read(tmp_path, bench(**rows, obj_scale=np.array([SCALE]))))
+    assert "obj_scale has 2 values" in refusal(read(tmp_path, bench(**rows, obj_scale=np.array([SCALE, SCALE])))[2])
+
+
+def test_rows_are_limited_whatever_they_hold(tmp_path: Path) -> None:
+    for content in (bench(grasp_qpos=np.empty((10**8, 0))), arrays(hand_pose=np.empty((10**8, 0)))):
+        (stated,) = read(tmp_path, content)
+        assert "more than 100000 grasps; split it" in refusal(stated)
+
+
 def test_files_that_are_no_arrays_are_refused_in_words(tmp_path: Path) -> None:
     (tmp_path / "whole.npz").write_bytes(b"")
     np.savez(tmp_path / "whole.npz", **arrays())
@@ -167,6 +186,14 @@ def test_archives_that_expand_are_refused(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(grasp_file, "MAX_BYTES", 10_000)
     (grasp,) = read_grasp_file(tmp_path / "a.npz", tmp_path)
     assert "more than 10000 bytes" in refusal(grasp.stated)
+
+
+def test_archives_that_numpy_does_not_write_are_refused(tmp_path: Path) -> None:
+    """Members of other compressions are expanded at once, whatever they need."""
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("hand_pose.npy", b"0")
+    (grasp,) = read_grasp_file(tmp_path / "a.npz", tmp_path)
+    assert "'hand_pose.npy' is compressed in another way than NumPy does" in refusal(grasp.stated)
 
 
 def test_origins_name_file_and_grasp(tmp_path: Path) -> None:

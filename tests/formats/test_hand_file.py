@@ -60,8 +60,8 @@ def test_hand_file_finds_links_and_joints_of_another_urdf_by_name(hand: Hand, tm
         ("fingers:", "allowed_contacts: [[link_0.0, link_9]]\nfingers:", "there is no link 'link_9'"),
         ("fingers:", "convex_parts: {link_9: 3}\nfingers:", "there is no link 'link_9'"),
         ("normal: [1, 0, 0]", "normal: [0, 1, 0.1]", "and columns (0.0, 1.0, 0.0) are 5.7° apart; make it 90°"),
-        ("urdf: allegro_right.urdf", "urdf: nowhere.urdf", "there is no model 'nowhere.urdf'"),
-        ("urdf: allegro_right.urdf", "model: a.urdf\nurdf: b.urdf", "`urdf` is the older name of `model`: keep one of the two"),
+        ("model: allegro_right.urdf", "model: nowhere.urdf", "there is no model 'nowhere.urdf'"),
+        ("model: allegro_right.urdf", "model: a.urdf\nurdf: b.urdf", "`urdf` is the older name of `model`: keep one of the two"),
         ("palm:", "palms:", "palms"),
         ("name: index", 'name: "my/index"', "fingers.0.name: String should match pattern"),
         (
@@ -80,7 +80,7 @@ def test_hand_file_finds_links_and_joints_of_another_urdf_by_name(hand: Hand, tm
 def test_unusable_hand_file_is_refused_with_the_entry(hand: Hand, tmp_path: Path, old: str, new: str, message: str) -> None:
     text = hand.path.read_text().replace(old, new, 1)
     path = tmp_path / "wrong.yaml"
-    path.write_text(text.replace("urdf: allegro_right.urdf", f"urdf: {hand.model}"))
+    path.write_text(text.replace("model: allegro_right.urdf", f"model: {hand.model}"))
     with pytest.raises(InvalidInput, match=re.escape(message)) as error:
         load_hand(path)
     assert str(path) in str(error.value)
@@ -90,7 +90,7 @@ def test_rounded_directions_of_a_sensor_are_made_perpendicular(hand: Hand, tmp_p
     turn = Rotation.from_euler("xyz", [0.3, 0.5, 0.7]).as_matrix()
     normal, columns = ([round(float(value), 3) for value in turn[:, axis]] for axis in (2, 0))
     text = hand.path.read_text().replace("normal: [1, 0, 0], columns: [0, 1, 0]", f"normal: {normal}, columns: {columns}", 1)
-    (path := tmp_path / "turned.yaml").write_text(text.replace("urdf: allegro_right.urdf", f"urdf: {hand.model}"))
+    (path := tmp_path / "turned.yaml").write_text(text.replace("model: allegro_right.urdf", f"model: {hand.model}"))
     read = load_hand(path).sensors[0].pose[:3, :3]
     np.testing.assert_allclose(read.T @ read, np.eye(3), atol=1e-15)
     np.testing.assert_allclose(read, turn, atol=2e-3)
@@ -132,7 +132,7 @@ def test_unusable_urdf_is_refused_with_the_part(hand: Hand, tmp_path: Path, old:
 
 def test_each_finger_may_wear_its_own_sensor(hand: Hand, tmp_path: Path) -> None:
     """Shipped sensors are given by name, others by a path from the hand file; a missing sensor is an error."""
-    file = yaml.safe_load(hand.path.read_text()) | {"urdf": str(hand.model)}
+    file = yaml.safe_load(hand.path.read_text()) | {"model": str(hand.model)}
     file["fingers"][1]["sensor"]["file"] = "gels/soft.yaml"
     path = tmp_path / "hand.yaml"
     path.write_text(yaml.safe_dump(file))

@@ -1,6 +1,7 @@
 """MJCF hands: links move as MuJoCo moves bodies, shapes lie where its geoms lie, and what cannot be read is named."""
 
 import re
+import tracemalloc
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import trimesh
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand, read_model
 from pipeline.formats.mjcf import parse_mjcf
+from pipeline.formats.mjcf_files import is_mjcf
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
@@ -74,7 +76,7 @@ MAIN = """
     <joint joint1="right3" joint2="right2" polycoef="0.1 0.5 0 0 0"/>
     <joint joint1="left1" joint2="spread" active="false"/>
   </equality>
-  <contact><exclude body1="palm" body2="left"/></contact>
+  <contact><exclude body1="right-tip" body2="left"/><exclude body1="object" body2="left"/></contact>
   <actuator>
     <position joint="spread" kp="1" forcerange="-3 3"/>
     <motor tendon="pull" gear="0.25" forcerange="-1 1"/>
@@ -202,6 +204,12 @@ def test_what_is_seen_of_a_link_are_its_geoms_for_the_eye_alone(claw: Hand) -> N
     assert colors["right-tip"] == [255, 128, 128]
 
 
+def test_links_that_an_mjcf_excludes_from_contact_may_overlap(claw: Hand) -> None:
+    names = [link.name for link in claw.links]
+    assert (names.index("left"), names.index("right-tip")) in claw.allowed_contacts
+    assert (names.index("left-tip"), names.index("right-tip")) not in claw.allowed_contacts
+
+
 def test_files_that_an_mjcf_names_belong_to_the_hand(claw: Hand) -> None:
     folder = claw.path.parent
     assert {file.relative_to(folder).as_posix() for file in claw.files} == {
@@ -217,7 +225,7 @@ def test_files_that_an_mjcf_names_belong_to_the_hand(claw: Hand) -> None:
 def test_check_says_what_is_ignored(claw: Hand) -> None:
     text = "\n".join(read_model(claw.model, "palm").notes)
     for part in (
-        "grasps do without: cameras (1), lights (1), sites (1), keys (1), excludes (1), textures (1)",
+        "grasps do not need are ignored: cameras (1), lights (1), sites (1), keys (1), textures (1)",
         "tendons that no actuator pulls and no equality ties are ignored: loose",
         "equalities that are not active are ignored: equality-1",
         "one motor moves left1 and left2 by a tendon: the second follows the first, by -0.5",
@@ -303,6 +311,16 @@ def test_what_cannot_be_read_is_named_with_the_remedy(tmp_path: Path, content: s
     (path := tmp_path / "hand.xml").write_text(content)
     with pytest.raises(InvalidInput, match=re.escape(message)):
         parse_mjcf(path, "palm")
+
+
+def test_comments_before_the_first_element_take_no_memory(tmp_path: Path) -> None:
+    comments = "<!-- " + "- " * 150_000 + "<mujoco> -->\n" + "<!--a-->" * 1000
+    tracemalloc.start()
+    for element, expected in (("<mujoco>", True), ("<robot>", False)):
+        (path := tmp_path / "hand.xml").write_text('<?xml version="1.0"?>' + comments + element)
+        assert is_mjcf(path) == expected
+    assert tracemalloc.get_traced_memory()[1] < 5_000_000
+    tracemalloc.stop()
 
 
 def test_error_of_the_process_that_reads_names_the_file(tmp_path: Path) -> None:

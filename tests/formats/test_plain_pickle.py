@@ -78,6 +78,18 @@ def test_arrays_have_the_bytes_that_their_shape_says() -> None:
         read_plain_pickle(array_pickle(b"K\x01\x85", b"](NNe", b"O8"))
 
 
+@pytest.mark.parametrize("sizes", [b"K\x01" * 40, b"\x8b\x80\x96\x98\x00" + b"\x7f" * 10_000_000 + b"q\x01" + b"h\x01" * 2000])
+def test_shapes_are_not_multiplied_out_before_they_are_checked(sizes: bytes) -> None:
+    with pytest.raises(InvalidInput, match="an array's shape is no tuple of at most 32 sizes"):
+        read_plain_pickle(array_pickle(b"(" + sizes + b"t", b"C\x08" + bytes(8)))
+
+
+def test_text_has_characters() -> None:
+    """An array of text of no characters could have any shape."""
+    with pytest.raises(InvalidInput, match="has a call that"):
+        read_plain_pickle(array_pickle(b"J\xff\xff\xff\x7f\x85", b"C\x00", b"U0"))
+
+
 def test_arrays_together_are_no_larger_than_the_file() -> None:
     with pytest.raises(InvalidInput, match="larger arrays than the file has bytes"):
         read_plain_pickle(array_pickle(b"K\xc8\x85", b"C\xc8" + bytes(200), b"u1", twice=True))

@@ -81,7 +81,7 @@ def _write_own_files(folder: Path) -> None:
     Image.fromarray(levels).save(folder / "gels" / "untouched.png")
     shutil.copy(ASSETS / "scenes" / "supplement.yaml", folder / "my_scene.yaml")
     hand = (ASSETS / "hands" / "two_finger_gripper.yaml").read_text()
-    (folder / "robot" / "hand.yaml").write_text(hand.replace("urdf: ", "urdf: urdf/").replace("urdf/two_finger_", "urdf/"))
+    (folder / "robot" / "hand.yaml").write_text(hand.replace("model: ", "model: urdf/").replace("urdf/two_finger_", "urdf/"))
     urdf = (ASSETS / "hands" / "two_finger_gripper.urdf").read_text()
     mesh = '<mesh filename="package://robot/meshes/palm.obj"/></geometry>'
     urdf, count = re.subn('<box size="0.06 0.17 0.05"/></geometry>(<material name="shell"/>)?', mesh, urdf)

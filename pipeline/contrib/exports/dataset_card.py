@@ -69,7 +69,7 @@ class Facts:
         licences = Counter(str(surfaces.view(name)["licence"]) for name in names)
         self.columns = frames.columns
         self.objects = {split: len(object_ids) for split, object_ids in frames.object_ids.items()}  # exported, by split
-        self.grasps = {split: count * frames.grasps for split, count in self.objects.items()}  # exported, by split
+        self.grasps = {split: sum(map(frames.grasps.__getitem__, ids)) for split, ids in frames.object_ids.items()}  # exported, by split
         self.total = sum(self.grasps.values())
         self.licences = {licence or "not recorded": count for licence, count in licences.most_common()}  # of the meshes of so many objects
         self.failed = len(directory.collection(GRASPS)) - len(names)  # objects without a row

@@ -20,6 +20,7 @@ from pipeline.dataset.grasps import grasping_sensors, read_grasps
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import sensors_of
 from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.transforms import pose_of
 from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
@@ -68,10 +69,7 @@ class GraspedObject:
 
     def pose_to_object_frame(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """Take a pose (4, 4) into the object's own frame: it stays rigid, its origin is in the object's unit."""
-        moved = np.eye(4)
-        moved[:3, :3] = self.directions_to_object_frame(pose[:3, :3].T).T
-        moved[:3, 3] = self.to_object_frame(pose[:3, 3])
-        return moved
+        return pose_of(self.directions_to_object_frame(pose[:3, :3].T).T, self.to_object_frame(pose[:3, 3]))
 
 
 class GraspedObjects(CompletedObjects):

@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from pipeline.config.manifest import SPLITS
 from pipeline.console import pluralise, with_progress
+from pipeline.dataset.grasps import grasp_counts
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory
@@ -49,8 +50,8 @@ class GraspFrames:
         if not self.object_ids:
             raise StoreError(f"{data.resolve()} has no object in the splits {', '.join(SPLITS)}")
         self.labels = {dim: tuple(str(name) for name in grasps.first.read(dim)) for dim in ("sensor", "joint")}
-        self.grasps = self.rows.size("joint_angles", "grasp")
-        self.summary = pluralise(self.grasps * len(splits), "grasp")
+        self.grasps = grasp_counts(grasps, self.rows.object_ids)
+        self.summary = pluralise(sum(self.grasps.values()), "grasp")
         identifiers = {name: artifact_of(name).arrays[name] for name in ("object_id", "category", "split")}
         self.columns = {name: Column("string", unit=array.units, meaning=array.description) for name, array in identifiers.items()}
         self.columns["grasp"] = Column("int64", meaning="Number of the grasp, 0 the best.")
@@ -72,7 +73,7 @@ class GraspFrames:
         categories = dict(zip(self.rows.object_ids, self.rows.categories, strict=True))
         for split, object_id in with_progress([(split, name) for split, names in self.object_ids.items() for name in names], "export"):
             frames = []
-            for grasp in range(self.grasps):
+            for grasp in range(self.grasps[object_id]):
                 frame = {"object_id": object_id, "category": categories[object_id], "split": split, "grasp": grasp, **self._names}
                 for name in self.arrays:
                     value = self.rows.read(name, object_id, grasp, camera=0)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Floats, Indices, Integers
 from pipeline.kernels.geometry.mesh import Look, Mesh, check_coordinates, flatness, is_watertight
-from pipeline.kernels.geometry.transforms import length
+from pipeline.kernels.geometry.transforms import length, pose_of
 
 MIN_FLATNESS = 1e-14  # height over longest edge at which a face is degenerate: zero, but for rounding
 POSITION, DIAGONAL = np.array([0.0, 0.0, 0.6]), 0.5  # of bounding boxes, m: centre; diagonal of objects without a real size
@@ -97,6 +97,5 @@ def normalise_mesh(
     if size == 0:
         raise InvalidInput(f"all {len(upright)} vertices are at {low}, so the mesh cannot be scaled to a size")
     scale, centre = metres_per_unit if metres_per_unit is not None else diagonal / size, low + (high - low) / 2
-    placement = np.eye(4)
-    placement[:3, :3], placement[:3, 3] = scale * _TO_Z_UP[up], POSITION - scale * centre
+    placement = pose_of(scale * _TO_Z_UP[up], POSITION - scale * centre)
     return replace(mesh, vertices=np.asarray((upright - centre) * scale + POSITION)), placement

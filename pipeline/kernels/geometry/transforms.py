@@ -41,6 +41,16 @@ def invert_pose(pose: Array) -> Array:
     return inverse
 
 
+def pose_of(
+    rotation: ArrayLike,  # (3, 3), or one times a scale
+    position: ArrayLike,  # (3,)
+) -> Array:  # (4, 4)
+    """Make the matrix that turns (and scales), then shifts."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, position
+    return pose
+
+
 def scaling_about(centre: ArrayLike, factor: float) -> Array:
     """Make the scaling (4, 4) by a factor that leaves a point (3,) where it is."""
     scaling = np.diag([factor, factor, factor, 1.0])

@@ -84,6 +84,7 @@ class HandModel(NamedTuple):
     files: tuple[Path, ...] = ()  # that an MJCF names: includes, meshes, textures; a URDF's are those of its shapes
     notes: tuple[str, ...] = ()  # what is ignored, or taken otherwise than the file says
     torque: float | None = None  # N m (N), the least limit of its actuators
+    allowed_contacts: frozenset[tuple[int, int]] = frozenset()  # links that an MJCF excludes from contact, the lower number first
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ MAX_CELLS = 160  # along the longer side of an image, on which contact is solved
 TOLERANCE = 1e-4  # root mean square of the gap in the contact over the deepest impression; the force errs by as much
 PEAK = 4  # largest gap in the contact, in tolerances; around the contact, where the object comes through, it is one
 MAX_STEPS = 300  # seven times the most that any of 2800 random presses into random gels has needed
-MARGIN = 2  # cells between the opposite rims of a window in `_stiffness`
+MARGIN = 2  # cells between the opposite rims of a window in `periodic_waves`
 Layer = tuple[tuple[float, float], float, float]  # an elastic layer: size of a cell along y and x, m; Poisson's ratio; thickness, m
 FIRST_LENGTH = 0.6  # of a step; stiffness times displacement is from 0.9 to 2, except in very thin layers
 
@@ -123,14 +123,24 @@ def _displacement(window: tuple[int, int], grid: tuple[int, int], layer: Layer) 
     return _Convolution((2 * rows, 2 * cols), np.concatenate([spectrum, spectrum[-2:0:-1]]))
 
 
+def periodic_waves(
+    window: tuple[int, int],  # rows and columns
+    pitch: tuple[float, float],  # size of a cell along y and x, m
+) -> tuple[tuple[int, int], Array, Array, Array]:
+    """Pad a window with a margin between its rims; return rows and columns, and its waves: numbers along y and x, and lengths, 1/m."""
+    padded = (scipy.fft.next_fast_len(window[0] + MARGIN, real=True), scipy.fft.next_fast_len(window[1] + MARGIN, real=True))
+    y, x = (2 * np.pi * scipy.fft.fftfreq(count, size) for count, size in zip(padded, pitch, strict=True))
+    y, x = np.broadcast_arrays(y[:, None], np.abs(x[None, : padded[1] // 2 + 1]))
+    wave = np.sqrt(np.square(y) + np.square(x))
+    wave[0, 0] = np.pi / max(count * size for count, size in zip(window, pitch, strict=True))  # a single contact is not infinite
+    return padded, y, x, wave
+
+
 @lru_cache(maxsize=8)
 def _stiffness(window: tuple[int, int], layer: Layer) -> _Convolution:
     """Compute the approximate inverse of `_displacement`, which preconditions the solver: periodic, with a margin between the rims."""
     pitch, poisson, thickness = layer
-    padded = tuple(scipy.fft.next_fast_len(count + MARGIN, real=True) for count in window)
-    waves = [2 * np.pi * scipy.fft.fftfreq(count, size) for count, size in zip(padded, pitch, strict=True)]
-    wave = np.sqrt(np.square(waves[0])[:, None] + np.square(waves[1])[None, : padded[1] // 2 + 1])
-    wave[0, 0] = np.pi / max(count * size for count, size in zip(window, pitch, strict=True))  # a single contact is not infinite
+    padded, _, _, wave = periodic_waves(window, pitch)
     knots = WAVES * np.linspace(0, 1, 200) ** 3  # a table is exact enough, and faster
     factor = np.interp(wave * thickness, knots, layer_factor(knots, poisson))
     return _Convolution(padded, (wave / (2 * factor)).astype(np.float32))

@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Array32, Floats, Mask
 from pipeline.kernels.compiled import compiled
-from pipeline.kernels.geometry.transforms import invert_pose
+from pipeline.kernels.geometry.transforms import compose, invert_pose
 from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.elastic_contact import PressedGel, cell_means, contact_cells, refine
 from pipeline.kernels.touch.sensor import Gel, Sensor, pixel_centres
@@ -56,7 +56,7 @@ def object_motion(
     surface = np.broadcast_to(gel_surface(sensor), sensor.shape)
     height = surface[::factor, ::factor] - cell_means(np.maximum(surface - depth, 0.0), factor)
     points = np.stack([*np.broadcast_arrays(x[None], y[:, None]), height])
-    back = np.eye(4) - invert_pose(before) @ now
+    back = np.eye(4) - compose(invert_pose(before), now)
     return np.stack([row[3] + (row[0] * points[0] + row[1] * points[1] + row[2] * points[2]) for row in back[:3]])
 
 
@@ -82,7 +82,7 @@ def drag_gel(
     if farthest > thickness:
         raise InvalidInput(
             f"the object moves by {farthest:.3g} m over the gel of sensor {sensor.name!r} in one step, more than the gel's thickness, "
-            f"{thickness:.3g} m: put poses between"
+            f"{thickness:.3g} m: add poses in between"
         )
     if not contact.any():
         return gel_at_rest(sensor)
@@ -145,29 +145,24 @@ def _solve(target: Array, bound: Array, start: Array, local: ShearConvolution, s
     unit = bound.max()  # single precision holds small coefficients too
     radius, target, traction = ((array / unit).astype(np.float32) for array in (bound, target, start))
     normal, residual, direction = np.zeros((3, *target.shape), np.float32)
-    curvature, small = np.zeros(radius.shape, np.float32), np.float32(1 / local.size)
-    _clip(traction, radius, normal)
+    curvature, contact, small = np.zeros(radius.shape, np.float32), radius > 0, np.float32(1 / local.size)
+    traction = _clip(traction, radius)
     moved = local(traction)
     size, decrease = np.abs(moved).max(), 1.0
-    traction -= small * (moved - target)  # without this step, cells that slip far would be taken for sticking
-    _clip(traction, radius, normal)
+    traction = _clip(traction - small * (moved - target), radius)  # else cells that slip far would be taken for sticking
     for _ in range(MAX_STEPS):
         moved = local(traction)
-        size, before = max(size, np.abs(moved).max()), residual.copy()
-        error = _look(traction, np.subtract(moved, target, dtype=np.float32), radius, small, normal, curvature, residual)
-        if error <= TOLERANCE * size:
+        size, gap = max(size, np.abs(moved).max()), (moved - target) * contact
+        if _find_slip(traction, gap, radius, small, normal, curvature) <= TOLERANCE * size:
             return traction * np.float64(unit), True
-        weight = (radius > 0) / np.sqrt(1 + curvature * stiffness.size)
-        step = weight * stiffness(weight * residual)
-        _along_rims(step, normal)
-        _along_rims(direction, normal)
+        before, residual = residual, _along_rims(gap, normal)
+        weight = contact / np.sqrt(1 + curvature * stiffness.size)
+        step = _along_rims(weight * stiffness(weight * residual), normal)
         last, decrease = decrease, _dot(step, residual)
-        direction *= np.float32(max(0.0, (decrease - _dot(step, before)) / last))
-        direction += step
+        direction = step + np.float32(max(0.0, (decrease - _dot(step, before)) / last)) * _along_rims(direction, normal)
         yielding = local(direction)
         length = np.float32(_dot(residual, direction) / _dot(direction, yielding + curvature * direction))
-        traction -= length * direction
-        _clip(traction, radius, normal)
+        traction = _clip(traction - length * direction, radius, normal.any(axis=0))
     return traction * np.float64(unit), False
 
 
@@ -176,10 +171,8 @@ def _dot(one: Array32, other: Array32) -> float:
 
 
 @compiled
-def _look(
-    traction: Array32, gap: Array32, radius: Array32, small: np.float32, normal: Array32, curvature: Array32, residual: Array32
-) -> float:
-    """Find the cells that slip, their normal, else 0, and curvature, and the part of the gap that a step may close.
+def _find_slip(traction: Array32, gap: Floats, radius: Array32, small: np.float32, normal: Array32, curvature: Array32) -> float:
+    """Set the normal and curvature of the rims along which cells slip, 0 for the other cells.
 
     Return the root mean square of what a small step along the gap changes, over that step: 0 for the solution.
     """
@@ -200,30 +193,15 @@ def _look(
             normal[0, row, col] = x / limit if slips else np.float32(0)
             normal[1, row, col] = y / limit if slips else np.float32(0)
             curvature[row, col] = outwards / limit if slips else np.float32(0)
-            residual[0, row, col], residual[1, row, col] = gap_x, gap_y
-    _along_rims(residual, normal)
     return float(np.sqrt(squares / max(cells, 1)) / small)
 
 
-@compiled
-def _along_rims(vectors: Array32, normal: Array32) -> None:
+def _along_rims(vectors: Array32, normal: Array32) -> Array32:  # (2, rows, cols)
     """Take away the part of vectors (2, rows, cols) along normals, which are 0 where nothing slips."""
-    for row in range(vectors.shape[1]):
-        x, y, normal_x, normal_y = vectors[0, row], vectors[1, row], normal[0, row], normal[1, row]
-        for col in range(len(x)):
-            outwards = x[col] * normal_x[col] + y[col] * normal_y[col]
-            x[col] -= outwards * normal_x[col]
-            y[col] -= outwards * normal_y[col]
+    return np.asarray(vectors - (vectors * normal).sum(axis=0) * normal)
 
 
-@compiled
-def _clip(traction: Array32, radius: Array32, normal: Array32) -> None:
+def _clip(traction: Floats, radius: Array32, slips: Mask | bool = False) -> Array32:  # (2, rows, cols)
     """Shorten tractions to the radius of their disc; those that slip get its length."""
-    for row in range(radius.shape[0]):
-        for col in range(radius.shape[1]):
-            x, y, limit = traction[0, row, col], traction[1, row, col], radius[row, col]
-            length = np.sqrt(x * x + y * y)
-            slips = normal[0, row, col] != 0 or normal[1, row, col] != 0
-            if length > limit or (slips and length > 0):
-                traction[0, row, col] *= limit / length
-                traction[1, row, col] *= limit / length
+    length = np.sqrt(np.square(traction).sum(axis=0))
+    return np.asarray(traction * np.divide(radius, length, out=np.ones_like(length), where=(length > radius) | (slips & (length > 0))))

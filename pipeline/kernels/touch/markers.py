@@ -24,10 +24,10 @@ class MarkerGrid(Entries):
     colour: Annotated[tuple[Level, Level, Level], Field(description="red, green, blue, 0 to 255; by default black")] = (0, 0, 0)
 
     def check_spacing(self, width: float, height: float) -> None:
-        """Raise a `ValueError` if the dots of a gel of some size overlap."""
+        """Raise a `ValueError` if the dots overlap on a gel of some size, or one is larger than the gel."""
         least = min(width / self.cols, height / self.rows)
         if 2 * self.radius > least:
-            raise ValueError(f"markers of radius {self.radius} m overlap: they are {least:.3g} m apart; make them smaller or fewer")
+            raise ValueError(f"markers of radius {self.radius} m do not fit: each has {least:.3g} m; make them smaller or fewer")
 
     def positions(self, width: float, height: float) -> Array:  # (rows · cols, 2) m from the gel's middle, row by row
         """Compute the positions of the dots of a gel at rest."""
@@ -42,10 +42,8 @@ def dot_displacement(
     pitch: tuple[float, float],  # size of a pixel along y and x, m
 ) -> Array:  # (N, 2) m
     """Interpolate the displacement of dots between the middles of pixels; beyond the outermost, it is theirs."""
-    moved = np.empty(positions.shape)
-    for number, (x, y) in enumerate(positions):
-        moved[number] = _displacement_at(np.ascontiguousarray(displacement), x, y, *pitch)
-    return moved
+    surface = np.ascontiguousarray(displacement)
+    return np.array([_displacement_at(surface, x, y, *pitch) for x, y in positions]).reshape(positions.shape)
 
 
 @compiled

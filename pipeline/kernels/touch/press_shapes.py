@@ -12,7 +12,7 @@ import numpy as np
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Floats
-from pipeline.kernels.geometry.transforms import length, sin_cos, unit_vectors
+from pipeline.kernels.geometry.transforms import length, pose_of, sin_cos, unit_vectors
 from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.ray_depth import BoxedFaces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
@@ -241,7 +241,4 @@ def _facing(points: Floats, normals: Floats, distance: float, tilt: float, rng: 
     aside = np.cross(away, rng.normal(size=3))
     aside = unit_vectors(aside)  # any direction across the normal: it turns the sensor, and the tilt is about it
     z = unit_vectors(away + rng.uniform(0, math.tan(tilt)) * np.cross(aside, away))
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([aside, np.cross(z, aside), z], axis=1)
-    pose[:3, 3] = np.asarray(points[index], np.float64) - distance * z
-    return pose
+    return pose_of(np.stack([aside, np.cross(z, aside), z], axis=1), np.asarray(points[index], np.float64) - distance * z)

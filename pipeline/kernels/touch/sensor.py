@@ -29,6 +29,7 @@ Level = Annotated[float, Field(ge=-1e7, le=1e7)]
 Levels = tuple[Level, Level, Level]
 Box = tuple[float, float, float, float]  # least x and y, greatest x and y, m
 Place = Annotated[float, Field(ge=-10, le=10)]
+Friction = Annotated[float, Field(ge=0, le=MAX_FRICTION)]
 
 POSITION_TERMS = {(degree + 1) * (degree + 2) // 2: degree for degree in range(7)}  # degree in x and y by number of terms
 SLOPE_TERMS = {count - 1: degree for count, degree in POSITION_TERMS.items() if degree}  # in a normal, without a constant
@@ -136,13 +137,7 @@ class Gel(Entries):
     poisson: Annotated[float, Field(ge=0, le=0.5, description="Poisson's ratio; rubber's is nearly 0.5")] = 0.48
     thickness: Annotated[Length | None, Field(description="of the elastic layer, m; by default w")] = None
     friction: Annotated[
-        float | None,
-        Field(
-            ge=0,
-            le=MAX_FRICTION,
-            exclude_if=lambda friction: friction is None,
-            description="coefficient of friction with what slides on it",
-        ),
+        Friction | None, Field(exclude_if=lambda friction: friction is None, description="coefficient of friction with what slides on it")
     ] = None
 
 

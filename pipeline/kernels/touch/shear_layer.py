@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.arrays import Array, Array32, Floats
 from pipeline.kernels.compiled import compiled
-from pipeline.kernels.touch.elastic_contact import MARGIN, Layer, from_waves, to_waves
+from pipeline.kernels.touch.elastic_contact import Layer, from_waves, periodic_waves, to_waves
 from pipeline.kernels.touch.elastic_layer import GAUSS, KNOTS_PER_THICKNESS, NODES, REACH, WAVES
 
 MIRRORED = (1, 1), (1, 1), (-1, -1), (1, -1), (-1, 1)  # signs of `shear_influence` at the opposite offset along y, and along x
@@ -140,11 +140,7 @@ def shear_displacement(window: tuple[int, int], grid: tuple[int, int], layer: La
 def shear_stiffness(window: tuple[int, int], layer: Layer) -> ShearConvolution:
     """Compute an approximate inverse of `shear_displacement`: periodic, with a margin between the rims; size: the mean of a diagonal."""
     pitch, poisson, thickness = layer
-    padded = (scipy.fft.next_fast_len(window[0] + MARGIN, real=True), scipy.fft.next_fast_len(window[1] + MARGIN, real=True))
-    y, x = (2 * np.pi * scipy.fft.fftfreq(count, size) for count, size in zip(padded, pitch, strict=True))
-    y, x = np.broadcast_arrays(y[:, None], np.abs(x[None, : padded[1] // 2 + 1]))
-    wave = np.hypot(x, y)
-    wave[0, 0] = np.pi / max(count * size for count, size in zip(window, pitch, strict=True))
+    padded, y, x, wave = periodic_waves(window, pitch)
     knots = WAVES * np.linspace(1e-3, 1, 200) ** 3  # a table is exact enough, and faster
     along, across = (wave / (2 * np.interp(wave * thickness, knots, factor)) for factor in wave_factors(knots, poisson)[:2])
     matrices = np.stack([along * x**2 + across * y**2, along * y**2 + across * x**2, (along - across) * x * y]) / wave**2

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 
 from pipeline.entries import Entries
 from pipeline.kernels.arrays import Array, Floats
-from pipeline.kernels.geometry.transforms import compose, invert_pose, invert_similarity, length, rotation_from_euler
+from pipeline.kernels.geometry.transforms import compose, invert_pose, invert_similarity, length, pose_of, rotation_from_euler
 
 Coordinate = Annotated[float, Field(ge=-100, le=100)]
 Angle = Annotated[float, Field(ge=-3600, le=3600)]
@@ -74,10 +74,7 @@ class Camera(Entries):
 
 def camera_pose(camera: Camera) -> Array:  # (4, 4)
     """Compute the camera's frame in the world, m: columns right, up, backwards, position."""
-    pose = np.eye(4)
-    pose[:3, :3] = rotation_from_euler(np.deg2rad(camera.rotation))
-    pose[:3, 3] = camera.position
-    return pose
+    return pose_of(rotation_from_euler(np.deg2rad(camera.rotation)), camera.position)
 
 
 def projection_matrix(camera: Camera) -> Array:

@@ -141,7 +141,7 @@ def test_dexgraspbench_has_the_hand_whose_joints_are_in_the_order_of_qpos(data: 
         assert np.load(file, allow_pickle=True).item()["joint_names"].tolist() == names
 
 
-def test_each_object_is_written_when_it_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_object_is_written_when_it_is_done_and_a_failed_export_continues(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ball_dataset.make_data(tmp_path / "data", 2)
     written = grasp_files._write_object
 
@@ -156,6 +156,10 @@ def test_each_object_is_written_when_it_is_done(tmp_path: Path, monkeypatch: pyt
     assert {path.name for path in (out / "assets" / "vt-pipeline").iterdir()} == {"a"}
     assert len([*out.rglob("*.npy")]) == 5
     monkeypatch.undo()
+    assert "an earlier export was stopped there" in vt("export", tmp_path / "data", out, "--to", "dexgraspbench")
+    assert {path.name for path in out.iterdir()} == {"assets", "config", "output"}
+    assert {path.name for path in (out / "assets" / "vt-pipeline").iterdir()} == {"a", "b"}
+    assert "is not empty" in vt("export", tmp_path / "data", out, "--to", "dexgraspbench", fails=True)
     vt("export", tmp_path / "data", tmp_path / "b", "--to", "dexgraspbench", "--object", "b")
     assert {path.name for path in (tmp_path / "b" / "assets" / "vt-pipeline").iterdir()} == {"b"}
 

@@ -61,7 +61,8 @@ def test_sensor_has_markers_that_do_not_overlap_and_a_gel_that_carries_them():
     assert worn.markers == MarkerGrid(**markers, colour=(0, 0, 0))
     assert worn.gel.friction == 0.6
     for wrong, message in (
-        ({"markers": markers | {"radius": 2e-3}}, r"markers of radius 0\.002 m overlap: they are 0\.00217 m apart"),
+        ({"markers": markers | {"radius": 2e-3}}, r"markers of radius 0\.002 m do not fit: each has 0\.00217 m"),
+        ({"markers": {"rows": 1, "cols": 1, "radius": 0.02}}, r"markers of radius 0\.02 m do not fit"),
         ({"markers": markers, "gel": None}, "markers move with an elastic gel, and there is none"),
         ({"markers": markers | {"colour": [0, 0, 256]}}, "colour"),
         ({"markers": markers | {"rows": 0}}, "rows"),

@@ -1,8 +1,11 @@
 """Prepared hands and objects: the distance grid classifies clear fingers and palms correctly."""
 
+import shutil
+
 import numpy as np
 import pytest
 
+from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand.distance_field import finger_clearance
 from pipeline.kernels.hand.grid_loops import gaps
@@ -64,10 +67,16 @@ def _exact_clearance(prepared: PreparedHand, exact, frames: np.ndarray) -> np.nd
 
 
 def test_prepared_hand_is_kept_between_runs_by_hand_and_samples(tmp_path, monkeypatch) -> None:
+    """Until something appears beside the files of the hand."""
     made = []
     monkeypatch.setattr(prepare, "KEPT", tmp_path / "prepared.pickle")
     monkeypatch.setattr(prepare, "_prepare", lambda hand, sensors, samples: made.append(samples) or (hand.name, samples))
-    for samples, times in ((64, 1), (64, 1), (128, 2), (64, 2)):
-        settings = GraspSettings(hand="two_finger_gripper", ik_samples=samples)
+    (tmp_path / "hand").mkdir()
+    for file in load_hand("two_finger_gripper").files:
+        shutil.copy(file, tmp_path / "hand")
+    for samples, times in ((64, 1), (64, 1), (128, 2), (64, 2), (64, 3)):
+        if times == 3:
+            (tmp_path / "hand" / "finger.mtl").touch()
+        settings = GraspSettings(hand=str(tmp_path / "hand" / "two_finger_gripper.yaml"), ik_samples=samples)
         assert prepare.prepare_hand(settings) == ("two_finger_gripper", samples)
         assert len(made) == times

@@ -11,6 +11,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from pipeline.console import errors
+from pipeline.contrib.exports.grasp_frames import GraspFrames
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.make import make
@@ -123,6 +124,10 @@ def test_wrong_grasps_are_named_and_the_others_are_read(arrays, copy, tmp_path):
         "4-fewer": {"joint_angles": arrays["joint_angles"][:, 1:], "joint_names": arrays["joint_names"][1:]},
         "5-far": {"hand_pose": arrays["hand_pose"] + np.array([[0, 0, 0, 1e30]] * 3 + [[0] * 4])},
         "6-target": {"squeeze": arrays["joint_angles"] * 1e30},
+        "6-twice": {
+            "joint_angles": arrays["joint_angles"][:, [*range(16), 0]],
+            "joint_names": arrays["joint_names"][[*range(16), 0]],
+        },
         "7-sound": {},
     }
     folder = tmp_path / "in" / NAME
@@ -141,17 +146,20 @@ def test_wrong_grasps_are_named_and_the_others_are_read(arrays, copy, tmp_path):
         "no value for",
         "positions are in m, those of .npz in the unit",
         "in the squeeze",
+        "is there twice",
     )
-    for name, line, words in zip([*wrong][:7], reasons, expected, strict=True):
+    for name, line, words in zip([*wrong][:8], reasons, expected, strict=True):
         assert line.startswith(f"{NAME}/{name}.npz: "), line
         assert words in line, line
-    assert len(reasons) == 7
+    assert len(reasons) == 8
     assert touched[0].any()
     assert not touched[1].any()
     assert pose[1, 2, 3] > 9
-    assert "1 grasp of 1 object read, 7 refused" in made.notes
+    assert "1 grasp of 1 object read, 8 refused" in made.notes
     assert GraspDataset(copy, ["hand_pose"]).items == [(NAME, 0)]
     run_stage(copy, "simulate-touch", manifest(1, 0))
+    ((_, frames),) = (tables := GraspFrames(copy)).objects()
+    assert (tables.summary, [frame["grasp"] for frame in frames]) == ("1 grasp", [0])
     vt("export", copy, tmp_path / "out", "--to", "grasps")
     with np.load(tmp_path / "out" / f"{NAME}.npz") as exported:
         assert len(exported["hand_pose"]) == 1
@@ -187,7 +195,7 @@ def test_grasps_without_object_and_objects_without_grasps_are_named(copy, tmp_pa
     settings = resolve("read-grasps", "draft", [f"read-grasps.folder={tmp_path / 'in'}"])
     first, second = load_stage("read-grasps").describe_objects(settings, manifest(1, 0).objects())
     assert "1 object without grasps" in first
-    assert "no object of the manifest (zebra)" in second
+    assert "whose object is not in the manifest (zebra)" in second
     (failure,) = run_on(copy, tmp_path / "in").failures.values()
     assert "call its file bottle-0000.npz" in failure.reason
 
