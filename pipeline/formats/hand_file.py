@@ -37,8 +37,7 @@ CODE = sorted(file for part in ("formats/*.py", "kernels/**/*.py", "rng.py") for
 CODE += [Path(spec.origin) for spec in map(find_spec, ("numpy", "scipy", "trimesh", "mujoco")) if spec and spec.origin]
 """Files that what is kept of hands depends on: modules, and what an upgrade of a library writes."""
 WRITTEN_BY = stamps_of(CODE)
-MAX_SKEW = 1e-2
-"""Cosine of the angle between a sensor's normal and columns from which it is no rounding: directions of three digits are read."""
+MAX_SKEW = 1e-2  # cosine of the angle between normal and columns from which it is no rounding: directions have three digits
 
 
 class _SensorMount(Entries):

@@ -1,8 +1,7 @@
 """Read pickles of plain values and NumPy arrays; nothing that a file names is imported or called.
 
-`pickle.Unpickler` with another `find_class` would not do: a few bytes make its memo reserve gigabytes, and a file may change the
-functions that it is given. The standard library's disassembler lists the opcodes here, and a short interpreter follows those that
-`numpy.save` writes, in steps and bytes in proportion to the file.
+`pickle.Unpickler` with another `find_class` does not bound what a file makes it allocate. The standard library's disassembler lists
+the opcodes here, and a short interpreter follows those that `numpy.save` writes, in steps and bytes in proportion to the file.
 """
 
 import math
