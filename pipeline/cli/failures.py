@@ -42,7 +42,7 @@ def report_failures() -> Iterator[None]:
             if stopped:  # a library turned it into another error
                 raise stopped[0] from error
             if isinstance(error, PipelineError | OSError):
-                fail(str(error) or f"{type(error).__name__}; {AGAIN}")  # a timeout may say nothing
+                fail(str(error).strip() or f"{type(error).__name__}; {AGAIN}")  # a timeout may say nothing
             if is_machine_fault(error):  # of object storage: its own kind of exception
                 fail(f"object storage: {first_line(error)}; check that its address and credentials are in the environment")
             errors.print(escape(traceback.format_exc().rstrip()))
