@@ -62,17 +62,17 @@ class GraspSet:
 
     @property
     def ends(self) -> list[float]:
-        """How many of the first and of the last grasps of all objects hold in its own test, %."""
+        """Return the share of the first, and of the last grasps of all objects that hold in the benchmark's own test, %."""
         return [100 * float(np.mean([grasps[end]["succ_flag"] for grasps in self.judged])) for end in (0, -1)]
 
     @property
     def holds(self) -> np.ndarray:
-        """The verdicts of that test here."""
+        """Return the verdicts of the same test in MuJoCo here."""
         return self.held["dexgraspbench", "mujoco"][0]
 
     @property
     def own(self) -> np.ndarray:
-        """Those of its own test, of the same grasps."""
+        """Return the verdicts of the benchmark's own test on the same grasps."""
         return self.measured("succ_flag", len(self.holds) // len(self.judged))
 
 

@@ -22,7 +22,7 @@ PHASES = "press", "slide by 0.3 mm", "twist by 0.25 rad"
 
 
 class Step(NamedTuple):
-    """What a step of a slide takes."""
+    """Inputs of one step of a slide."""
 
     before: vt.SlidingTouch | None
     pose: np.ndarray

@@ -28,7 +28,7 @@ MARKS = {
 """Byte-order marks and the encodings that they announce; UTF-32 before UTF-16, which has the same first bytes."""
 XML_ENCODING = re.compile(r"""^(\s*<\?xml\b[^>]*?)\s+encoding\s*=\s*["'][^"']*["']""")
 PROLOGUE = rb"\s*+(<\?xml[^>]*>\s*+)?(?><!--.*?-->\s*+)*+"
-"""What may stand before the first element of XML or HTML; it never goes back, which in a long comment would take gigabytes."""
+"""Text that may precede the first element of XML or HTML. Possessive: backtracking in a long comment would need much memory."""
 FOREIGN = {
     PROLOGUE + rb"<((?i:!doctype\s+html|html|head|body)\b)": "a web page (HTML); download the file itself",
     PROLOGUE + rb"(<!DOCTYPE svg[^>]*>\s*)?<svg\b": "an SVG drawing; convert it to PNG",

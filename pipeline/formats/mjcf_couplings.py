@@ -1,4 +1,4 @@
-"""The couplings of an MJCF's joints, from MuJoCo's Jacobians: rows of its equalities, and moments of its actuators."""
+"""Derive the couplings of an MJCF's joints from MuJoCo's Jacobians: rows of its equalities, and moments of its actuators."""
 
 from collections.abc import Collection
 from typing import Any
@@ -14,7 +14,7 @@ ROUNDED = 1e-12  # of a coefficient that is 0
 
 
 class Couplings:
-    """What moves the joints of a hand, by their numbers: joints that follow another one, that are held, and their motors."""
+    """Couplings and motors of a hand's joints, by their numbers: joints that follow another one, joints that are held, and motors."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""The files of an MJCF: what it includes, its meshes and textures. All are read here: MuJoCo itself can open none."""
+"""Read the files of an MJCF: what it includes, its meshes and textures. MuJoCo itself can open no file."""
 
 import os
 import re
@@ -79,7 +79,7 @@ def _parse(content: bytes, name: str) -> Element:
 
 
 class _Files:
-    """The files that an MJCF names, relative to its folder; they must be in its package: without one, in its folder."""
+    """Files that an MJCF names, relative to its folder. They must lie in its package, or without one in its folder."""
 
     def __init__(self, path: Path) -> None:
         self._folder = path.parent.resolve()

@@ -73,7 +73,7 @@ class GraspedObject:
 
 
 class GraspedObjects(CompletedObjects):
-    """The objects that a hand grasps, in id order, or the chosen ones."""
+    """Objects that have grasps, in the order of their ids, or the chosen ones."""
 
     def __init__(self, data: Location, objects: Sequence[str] = ()) -> None:
         super().__init__(data, ("surfaces", "grasps"))

@@ -26,7 +26,7 @@ KINDS = {
     "force": ("force", "state"),
     "pressure": ("pressure", "matrix"),
 }
-"""The group of a tactile array, and its type."""
+"""Group of a tactile array, and its type."""
 
 END = Column("int64", meaning="Frame after the last one of each episode.")
 TIME = Column("int64", unit="s", meaning="Number of the grasp: each follows one second after the last.")
