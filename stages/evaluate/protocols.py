@@ -124,7 +124,7 @@ class GraspProtocol(Protocol):
             if reconstruction.is_whole
             else float(seam_gaps(reconstruction.vertices[: reconstruction.vision], reconstruction.position).mean()),
             **spike,
-            "normal_consistency": normal_consistency(measured.points, point_normals, points, normals),
+            "normal_consistency": normal_consistency(point_normals, normals, measured.distances),
             "crossing": float(crossing_faces(reconstruction.vertices, vision, reconstruction.position).mean()),
         }
 
