@@ -24,7 +24,9 @@ class SearchedClouds:
         low, high = (edge([edge(cloud.points, axis=0) for cloud in clouds], axis=0) for edge in (np.min, np.max))
         self.sites = Cloud(np.stack(np.meshgrid(*np.linspace(low, high, SITES).T), axis=-1).reshape(-1, 3))
         self._gaps = np.stack([_apart(cloud, self.sites)[0] for cloud in clouds])  # (cloud, site) to the nearest point
-        self._places = [_apart(self.sites, cloud) for cloud in clouds]  # of each point, distance from the nearest site, and its number
+        # of each cloud's points, the distance from the nearest site, and its number; and the first of each cloud
+        self._near, self._site = (np.concatenate(parts) for parts in zip(*(_apart(self.sites, cloud) for cloud in clouds), strict=True))
+        self._counts = np.array([len(cloud.points) for cloud in clouds])
 
     def bounds(self, query: Cloud, *, both: bool) -> Array:  # (cloud,)
         """Compute lower bounds of a query's distances, see `nearest_cloud`, by the triangle inequality over the nearest sites."""
@@ -32,7 +34,8 @@ class SearchedClouds:
         bounds = np.square(np.maximum(self._gaps[:, site] - apart, 0.0)).mean(axis=1)
         if both:
             gaps = _apart(query, self.sites)[0]
-            bounds += [np.square(np.maximum(gaps[site] - apart, 0.0)).mean() for apart, site in self._places]
+            squares = np.square(np.maximum(gaps[self._site] - self._near, 0.0))
+            bounds += np.add.reduceat(squares, np.cumsum(self._counts) - self._counts) / self._counts
         return np.asarray(bounds * ROUNDING)
 
 
