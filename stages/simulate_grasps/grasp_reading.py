@@ -12,7 +12,7 @@ from pipeline.engine.stage import Inputs, Unit
 from pipeline.errors import InvalidInput, missing_name
 from pipeline.formats.grasp_file import PHASES, FileGrasp, Stated, grasp_files, read_grasp_file
 from pipeline.kernels.arrays import Array
-from pipeline.kernels.geometry.transforms import compose, length, pose_of
+from pipeline.kernels.geometry.transforms import compose, frame_and_scale, length, pose_of
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.physics.hold_test import HoldTest
 from pipeline.physics.simulation import Simulation
@@ -71,9 +71,7 @@ class GraspReader:
         physics: Simulation | None,  # that closes the fingers
     ) -> None:
         self.measured, self.settings, self.physics, self.hand = measured, settings, physics, measured.measured_hand.hand
-        self.scale = float(np.cbrt(np.linalg.det(placement[:3, :3])))
-        self.frame = placement.copy()
-        self.frame[:3, :3] /= self.scale
+        self.frame, self.scale = frame_and_scale(placement)
         self.root = pose_of(Rotation.from_quat(settings.root[3:], scalar_first=True).as_matrix(), settings.root[:3])
 
     def row(self, grasps: Iterable[FileGrasp]) -> Row:
