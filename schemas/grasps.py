@@ -104,7 +104,7 @@ GRASPS = Artifact(
             "object",
             "string",
             "1",
-            "From `read-grasps`: file and number of each grasp, one per line, 0 first. Grasps beyond the last line are empty.",
+            "From `read-grasps`: file and number of each grasp, one per line, 0 first. Grasps beyond the last line repeat them.",
             optional=True,
         ),
         "refused_grasps": Array(

@@ -26,7 +26,6 @@ SAME_SCALE = 1e-4  # share by which the scale of a grasp's object may differ fro
 BEYOND = 0.1  # rad (m) that a joint may be beyond its limits, or off its coupling: more is another joint, or another hand
 TARGET_BEYOND = 2 * np.pi  # the same before and after the grasp: motors may drive beyond the limits to press
 FARTHEST = 10.0  # m, of the hand from the origin of the object's file
-AWAY = np.array([0.0, 0.0, 10.0])  # m, from the object to an empty grasp
 
 
 @contextmanager
@@ -96,12 +95,9 @@ class GraspReader:
         if more:
             refused.append(f"{more} further: read-grasps.grasps is {self.settings.grasps}")
         touched = np.mean([attempt.grasp.touched for attempt in kept], axis=0)
-        last = kept[-1].grasp
-        away = last.hand_pose.copy()
-        away[:3, 3] += AWAY
-        kept += [self.measured.measure(away, last.joint_angles, last.joint_angles)] * (self.settings.grasps - len(kept))
+        repeated = np.arange(self.settings.grasps) % len(kept)
         return {
-            **self.measured.row(kept),
+            **{name: values[repeated] for name, values in self.measured.row(kept).items()},
             "attempts": np.array(len(origins) + len(refused) - (more > 0), np.int32),
             "attempt_success": touched.astype(np.float32),
             "grasp_files": np.array("\n".join(origins)),

@@ -36,8 +36,8 @@ class ReadSettings(HandSettings):
     )
     grasps: int = setting(
         20,
-        "per object, the first that can be used; DexGraspBench and BODex write 20. Where an object has fewer, the rest are empty: the "
-        "hand is 10 m above the object and touches nothing",
+        "per object, the first that can be used; DexGraspBench and BODex write 20. Where an object has fewer, they are repeated: "
+        "learning sees them again, exports and GraspDataset do not",
         ge=1,
         changes="definition",
     )
@@ -107,7 +107,7 @@ class ReadGrasps(GraspStage):
             reason = next(iter(refused.values()))[0]
             yield f"warning: grasps of {pluralise(len(refused))} refused ({abbreviate([*refused])}; all in `refused_grasps`), {reason}"
         if counts and max(counts) < settings.grasps:
-            yield f"no object has more than {pluralise(max(counts), 'grasp')}: read-grasps.grasps={max(counts)} saves the empty ones"
+            yield f"no object has more than {pluralise(max(counts), 'grasp')}: read-grasps.grasps={max(counts)} repeats fewer"
 
     def describe_misfits(self, settings: ReadSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
         """Name what is estimated of the hand, and the order of the joints in files that do not name them."""

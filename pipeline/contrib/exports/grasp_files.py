@@ -47,7 +47,7 @@ class GraspedObject:
 
     name: str
     mesh: Mesh
-    row: dict[str, np.ndarray]  # of `grasps` and `touch`, without empty grasps
+    row: dict[str, np.ndarray]  # of `grasps` and `touch`, without repeated grasps
     frame: Array  # (4, 4) the file's axes and origin in the world, m
     scale: float  # m per unit of the file
 
