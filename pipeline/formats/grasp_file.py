@@ -156,8 +156,8 @@ def _dexgraspbench(entry: Mapping[str, Any], row: Any) -> Stated:
     if len(shape) not in (1, 2) or shape[-1] <= 7:
         raise InvalidInput(f"grasp_qpos has shape {shape}; it must have 7 numbers of the root and those of all joints, or rows of these")
     qpos = {phase: _numbers(entry, name, shape, row) for phase, name in names.items()}
-    if "obj_scale" not in entry and "scene_path" in entry:
-        raise InvalidInput("it names a scene instead of obj_scale and obj_pose; convert it with DexGraspBench's task=format")
+    if "scene_path" in entry and not {"obj_scale", "obj_pose"} <= entry.keys():
+        raise InvalidInput("it names a scene instead of obj_scale and obj_pose; add both, as DexGraspBench's task=format does")
     root, scene = (pose_of(_quaternion(values[3:7]), values[:3]) for values in (qpos["grasp"], _numbers(entry, "obj_pose", (7,))))
     joints = _joint_names(entry) if "joint_names" in entry else ()
     if joints and len(joints) != len(qpos["grasp"]) - 7:
