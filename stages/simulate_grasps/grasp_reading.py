@@ -92,13 +92,11 @@ class GraspReader:
             raise InvalidInput(
                 f"none of its {pluralise(len(refused), 'grasp')} can be used; {refused[0] if refused else 'its files are empty'}"
             )
-        if more:
-            refused.append(f"{more} further: read-grasps.grasps is {self.settings.grasps}")
         touched = np.mean([attempt.grasp.touched for attempt in kept], axis=0)
         repeated = np.arange(self.settings.grasps) % len(kept)
         return {
             **{name: values[repeated] for name, values in self.measured.row(kept).items()},
-            "attempts": np.array(len(origins) + len(refused) - (more > 0), np.int32),
+            "attempts": np.array(len(origins) + len(refused) + more, np.int32),
             "attempt_success": touched.astype(np.float32),
             "grasp_files": np.array("\n".join(origins)),
             "refused_grasps": np.array("\n".join(refused)),
@@ -134,9 +132,8 @@ class GraspReader:
 
     def _joint_vector(self, stated: Stated, phase: str) -> Array:  # (J,) rad (m)
         """Put a file's values into the order of the hand's joints, by name."""
-        hand, joints = self.hand, self.settings.joints
-        listed = joints if isinstance(joints, tuple) and joints else model_joints(hand)
-        names, values = stated.joints or listed, stated.angles[phase]
+        hand, joints, known = self.hand, self.settings.joints, model_joints(self.hand)
+        names, values = stated.joints or (not isinstance(joints, dict) and joints) or known, stated.angles[phase]
         if len(names) != len(values):
             raise InvalidInput(
                 f"it has {len(values)} values of joints and names none of them, {pluralise(len(names), 'joint')} of hand {hand.name} are "
@@ -145,13 +142,10 @@ class GraspReader:
         if isinstance(joints, dict):
             names = [joints.get(name, name) for name in names]
         by_name = dict(zip(names, values.tolist(), strict=True))
-        coupled = {hand.joints[follower.link - 1].name: follower for follower in hand.followers}
-        known = {**dict.fromkeys(hand.joint_names), **coupled, **hand.frozen}
-        for name in by_name:
-            if name not in known:
-                raise InvalidInput(
-                    f"{missing_name('joint', name[:100], known)}; rename it by read-grasps.joints, or take a hand that has it"
-                )
+        if unknown := [name for name in by_name if name not in known]:
+            raise InvalidInput(
+                f"{missing_name('joint', unknown[0][:100], known)}; rename it by read-grasps.joints, or take a hand that has it"
+            )
         if twice := [name for name in by_name if list(names).count(name) > 1]:
             raise InvalidInput(f"joint {twice[0]!r} is there twice; give each joint one value, or correct read-grasps.joints")
         if lacking := [name for name in hand.joint_names if name not in by_name]:
@@ -164,8 +158,7 @@ class GraspReader:
                 f"joint {hand.joint_names[joint]} is {vector[joint]:.3g} in the {phase}, its limits are {hand.lower[joint]:.3g} to "
                 f"{hand.upper[joint]:.3g}; is it in rad (m), and do read-grasps.joints and the hand fit the file?"
             )
-        rigid = {**hand.frozen, **{name: float(follower.of(vector)) for name, follower in coupled.items()}}
-        for name, value in rigid.items():
+        for name, value in hand.joint_values(vector).items():
             if phase == "grasp" and abs(by_name.get(name, value) - value) > BEYOND:
                 raise InvalidInput(
                     f"joint {name} is {by_name[name]:.3g}, in hand {hand.name} it is {value:.3g}: frozen, or coupled to another"

@@ -1,6 +1,5 @@
 """`read-grasps`: grasps made elsewhere, in place of those that `simulate-grasps` searches."""
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from itertools import islice
@@ -98,10 +97,9 @@ class ReadGrasps(GraspStage):
             {name: str(values[row]).splitlines() for name, row in shard.position.items() if values[row]}
             for values in (shard.read("grasp_files"), shard.read("refused_grasps"))
         )
-        counts = [len(lines) for lines in read.values()]
-        further = sum(int(lines.pop().split()[0]) for lines in refused.values() if re.match("[0-9]+ further: ", lines[-1]))
-        refused = {name: lines for name, lines in refused.items() if lines}
-        total = f"{pluralise(sum(counts), 'grasp')} of {pluralise(len(read))} read, {sum(map(len, refused.values()))} refused"
+        counts, refusals = [len(lines) for lines in read.values()], sum(map(len, refused.values()))
+        further = int(shard.read("attempts").sum()) - sum(counts) - refusals
+        total = f"{pluralise(sum(counts), 'grasp')} of {pluralise(len(read))} read, {refusals} refused"
         yield total + (f", {further} further not read: read-grasps.grasps is {settings.grasps}" if further else "")
         if refused:
             reason = next(iter(refused.values()))[0]

@@ -22,7 +22,7 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import compose, frame_and_scale, invert_pose, transform_points
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.physics.hand_mjcf import joint_values, write_hand_mjcf
+from pipeline.physics.hand_mjcf import write_hand_mjcf
 from pipeline.physics.hand_urdf import gel_name
 from pipeline.store.storage import Location
 from pipeline.store.validate import check_origins
@@ -137,12 +137,12 @@ def export_dexgraspbench(
         scene.mkdir(parents=True)
         for number, root in enumerate(grasped.poses("hand_pose")):
             placed = [*root[:3, 3], *Rotation.from_matrix(root[:3, :3]).as_quat(scalar_first=True)]
-            postures = {phase: joint_values(hand, joint_names, grasped.row[name][number]) for phase, name in PHASES.items()}
+            values = {phase: hand.joint_values(grasped.row[name][number]) for phase, name in PHASES.items()}
             content: dict[str, Any] = {
                 "obj_path": str(assets),
                 "obj_scale": grasped.scale,
                 "obj_pose": np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
-                **{f"{phase}_qpos": np.array([*placed, *posture]) for phase, posture in postures.items()},
+                **{f"{phase}_qpos": np.array([*placed, *map(posture.get, joint_names)]) for phase, posture in values.items()},
                 "joint_names": np.array(joint_names),
                 "hand": hand.name,
             }
