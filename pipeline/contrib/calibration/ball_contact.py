@@ -1,6 +1,6 @@
 """The contact of a ball with a gel: its circle in a photograph, the impression behind it, and its pixels as equations.
 
-Valid range: balls larger than their contacts.
+Valid range: contacts up to the ball's equator.
 """
 
 from collections.abc import Sequence
@@ -44,11 +44,11 @@ class Photograph:
 def ball_impression(
     sensor: Sensor,
     contact: Circle,  # its radius is one along x where pixels are not square
-    ball_radius: float,  # m, more than the contact's
+    ball_radius: float,  # m, not less than the contact's
 ) -> Array:  # (rows, cols) m
     """Compute the impression of a ball from its circle of contact with the sensor's membrane or elastic gel."""
     reach = contact.radius * sensor.pitch[1]
-    if reach >= ball_radius:
+    if reach > ball_radius * (1 + 1e-9):
         raise ValueError(f"a contact of {MM * reach:.3g} mm radius is too large for a ball of {MM * ball_radius:.3g} mm")
     distance = distance_from(sensor, contact)
     height = np.sqrt(np.maximum(ball_radius**2 - distance**2, 0))
@@ -143,7 +143,7 @@ def solve(equations: Array) -> Array:
     return np.linalg.solve(matrix + ridge, right)
 
 
-def left_out_error(samples: Sequence[Sample]) -> float:
-    """Average the error of each photograph by a fit to all others, levels: contacts plus rings."""
+def left_out_errors(samples: Sequence[Sample]) -> Array:  # (samples,)
+    """Compute the error of each photograph by a fit to all others, levels: contact plus ring."""
     total = np.sum([sample.equations for sample in samples], axis=0)
-    return float(np.mean([sample.error(solve(total - sample.equations)) for sample in samples]))
+    return np.array([sample.error(solve(total - sample.equations)) for sample in samples])
