@@ -46,7 +46,8 @@ GEL = (0.6, 1.5)
 """Least and greatest factor of the gel's thickness per press: photographs of balls do not determine it better. Much thinner gels touch the
 object where thicker ones only sink beside it, and contact would become ambiguous."""
 DEEPER = 1.25
-"""Random presses are up to this many times as deep as those that a sensor was calibrated with: real gels give way more than modelled ones."""
+"""Random presses are up to this many times as deep as those that a sensor was calibrated with, for real gels give way more than modelled
+ones."""
 REMEDY = "train one with `vt-pipeline calibrate-sensor --train` or `vt-pipeline run train-touch`, and name its folder with --model"
 
 

@@ -1,6 +1,8 @@
 """Simulated photographs of balls that are hard to calibrate with: deep presses, printed markers, images askew, other lamps and gels.
 
-Colours are those of lamps near the gel, and not of the polynomials that a calibration fits. Valid range: contacts within the ball's equator.
+Colours are those of lamps near the gel, and not of the polynomials that a calibration fits.
+
+Valid range: contacts within the ball's equator.
 """
 
 from dataclasses import dataclass, replace
@@ -106,12 +108,14 @@ def hard_press(described: HardSet, number: int, ball_radius: float | None = None
     indentation, contact = _askew(described, indentation), _askew(described, contact.astype(float)) > 0.5
     rows, cols = np.nonzero(_askew(described, (distance < reach).astype(float)) > 0.5)
     square = np.sqrt(contact.sum() * described.row_scale / np.pi)  # of a contact within the image
-    radius = float(square) if 0 < rows.min() and rows.max() < sensor.rows - 1 and 0 < cols.min() and cols.max() < sensor.cols - 1 else None
+    radius = float(square) if rows.min() > 0 and rows.max() < sensor.rows - 1 and cols.min() > 0 and cols.max() < sensor.cols - 1 else None
     middle = _moved(described, at, sensor)
     return HardPress(image, indentation, contact, Circle(*middle, radius or float(reach / sensor.pitch[1])))
 
 
-def _ball_with_skirt(distance: NDArray[np.float64], ball: float, reach: float, tail: float) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _ball_with_skirt(
+    distance: NDArray[np.float64], ball: float, reach: float, tail: float
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Draw the gel in around a contact by an exponential that continues the ball's slope."""
     rise = np.sqrt(ball**2 - reach**2)
     at_rim = tail * min(reach / rise, STEEPEST)

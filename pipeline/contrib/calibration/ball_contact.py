@@ -3,6 +3,7 @@
 Valid range: contacts up to the ball's equator.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,6 +21,7 @@ RING = 3.0  # radius of the region around a contact that is fitted and compared,
 HALVINGS = 14  # of the interval in which a ball's depth is searched: accurate to a ten-thousandth
 CONTACT_WEIGHT = 3.0  # of a pixel in the contact, where colours change more, relative to one in the ring around it
 SAMPLES = 11  # pixels per radius of a contact that are fitted: neighbours hold the same information
+ROUNDING = 1e-9  # share by which a contact at the ball's equator may be larger than it
 RIDGE = 1e-6  # share of the mean diagonal of the normal equations, for terms that the photographs do not separate
 
 
@@ -48,11 +50,11 @@ def ball_impression(
 ) -> Array:  # (rows, cols) m
     """Compute the impression of a ball from its circle of contact with the sensor's membrane or elastic gel."""
     reach = contact.radius * sensor.pitch[1]
-    if reach > ball_radius * (1 + 1e-9):
+    if reach > ball_radius * (1 + ROUNDING):
         raise ValueError(f"a contact of {MM * reach:.3g} mm radius is too large for a ball of {MM * ball_radius:.3g} mm")
     distance = distance_from(sensor, contact)
     height = np.sqrt(np.maximum(ball_radius**2 - distance**2, 0))
-    shallow = np.sqrt(ball_radius**2 - reach**2)  # of the ball's centre above the gel, if nothing around is drawn in
+    shallow = math.sqrt(max(ball_radius**2 - reach**2, 0))  # of the ball's centre above the gel, if nothing around is drawn in
     if sensor.membrane == 0 and sensor.gel is None:
         return np.asarray(np.maximum(height - shallow, 0))
     low, high, inside = 0.0, shallow, distance <= reach  # no deeper than its equator

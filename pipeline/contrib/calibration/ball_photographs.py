@@ -40,7 +40,9 @@ def read_photographs(
     if not folder.is_dir():
         raise InvalidInput(f"folder {folder} does not exist; give one with photographs of a ball in the gel")
     if largest < SMALLEST:
-        raise InvalidInput(f"the ball's radius is {largest:.3g} pixels, {SMALLEST:g} are needed: are --ball-radius and --mm-per-pixel in mm?")
+        raise InvalidInput(
+            f"the ball's radius is {largest:.3g} pixels, {SMALLEST:g} are needed: are --ball-radius and --mm-per-pixel in mm?"
+        )
     as_taken, circles = read_image(untouched_path), _read_circles(folder / CIRCLES)
     markers = MarkerRemoval(as_taken)
     untouched = markers.fill(as_taken)
@@ -97,9 +99,7 @@ def _check_size(image: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> None:
         raise InvalidInput(f"it has {size} pixels, the untouched photograph {untouched_size}")
 
 
-def _contact(
-    image: NDArray[np.uint8], untouched: NDArray[np.uint8], largest: float, annotated: Circle | None, row_scale: float
-) -> Circle:
+def _contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8], largest: float, annotated: Circle | None, row_scale: float) -> Circle:
     if annotated is None:
         if row_scale == 1:
             return find_contact(image, untouched, largest)

@@ -77,11 +77,16 @@ def find_contact(
     return Circle(x, y, min(radius, largest))
 
 
-def contact_aspect(image: NDArray[np.uint8], untouched: NDArray[np.uint8], contact: Circle, largest: float) -> float | None:
+def contact_aspect(
+    image: NDArray[np.uint8],  # (rows, cols, 3)
+    untouched: NDArray[np.uint8],  # (rows, cols, 3)
+    contact: Circle,
+    largest: float,  # radius that a contact can have, pixels
+) -> float | None:
     """Measure width over height of a contact's rim, in pixels; None if less than `LEAST_ROUND` of the rim shows.
 
-    The rim lies, in each direction θ, where colours jump most near the circle, and not beyond the ball. a + b cos 2θ and the terms of 2θ and θ
-    that shift and turn it are fitted to its radius by reweighted least squares; the ratio is (a + b)/(a - b).
+    The rim lies, in each direction θ, where colours jump most near the circle, and not beyond the ball. a + b cos 2θ and the terms of 2θ
+    and θ that shift and turn it are fitted to its radius by reweighted least squares; the ratio is (a + b)/(a - b).
     """
     change = gaussian(image.astype(float) - untouched, 1.5, channel_axis=2)
     angles, radii, visible = _rim_points(change, contact, largest)
@@ -140,7 +145,7 @@ def _rim_points(change: Array, contact: Circle, largest: float) -> tuple[Array, 
 
 
 def _polar(image: Array, x: float, y: float, reach: int) -> tuple[Array, Mask]:
-    """(angle, radius, channel) values around a point, out to a radius of `reach` pixels, and (angle, radius) whether the image shows them."""
+    """(angle, radius, channel) values around a point, up to `reach` pixels away, and (angle, radius) whether the image shows them."""
     shape = (ANGLES, reach * PER_PIXEL)
     rays = np.asarray(warp_polar(image, center=(y, x), radius=reach, output_shape=shape, channel_axis=2, mode="edge"))
     angles, radii = np.linspace(0, 2 * np.pi, ANGLES, endpoint=False)[:, None], np.arange(shape[1]) / PER_PIXEL

@@ -18,6 +18,7 @@ from pipeline.kernels.arrays import Array, Mask
 SIDE = 320  # pixels along the longer side at which dots are searched
 SHARE, WINDOW = 4, 7  # the median is taken of 7 × 7 squares of 4 × 4 pixels: dots fill less than half of them
 LEAST_DOTS, LEAST_AREA, LEAST_CONTRAST = 12, 9, 15.0  # fewer, smaller (pixels) or weaker (levels) spots are dust
+COVERED = 0.98  # quantile of the deviations that is as large as a dot's, where dots cover more than 2 % of the gel
 ROUND = 0.8  # least share of a spot's convex hull that a dot fills
 ALIKE = 2.5  # largest factor between the area of a dot at rest and the median one
 STRETCHED = 6.0  # the same in a touched photograph
@@ -30,7 +31,9 @@ class MarkerRemoval:
 
     def __init__(self, untouched: NDArray[np.uint8]) -> None:  # (rows, cols, 3)
         deviation = _deviation(untouched)
-        spots = [spot for spot in regionprops(label(np.linalg.norm(deviation, axis=2) > LEAST_CONTRAST)) if spot.area >= LEAST_AREA]
+        size = np.linalg.norm(deviation, axis=2)
+        stands_out = size > max(LEAST_CONTRAST, np.quantile(size, COVERED) / 2)
+        spots = [spot for spot in regionprops(label(stands_out)) if spot.area >= LEAST_AREA]
         areas = np.array([spot.area for spot in spots])
         dots = [spot for spot in spots if 1 / ALIKE < spot.area / np.median(areas) < ALIKE and spot.solidity > ROUND]
         self.count = len(dots) if len(dots) >= max(LEAST_DOTS, len(spots) / 2) else 0
@@ -55,7 +58,7 @@ class MarkerRemoval:
 
     def _find(self, image: NDArray[np.uint8]) -> tuple[Mask, int]:
         """Find the pixels of dots, and count the dots."""
-        spots = label(_deviation(image) @ self.colour > self.contrast / 3)
+        spots = label(_deviation(image) @ self.colour > self.contrast / 2)
         areas = np.bincount(spots.ravel()) / self.area
         kept = (areas > 1 / STRETCHED) & (areas < STRETCHED)
         kept[0] = False
