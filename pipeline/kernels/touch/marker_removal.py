@@ -23,7 +23,7 @@ ROUND = 0.8  # least share of a spot's convex hull that a dot fills
 ALIKE = 2.5  # largest factor between the area of a dot at rest and the median one
 STRETCHED = 6.0  # the same in a touched photograph
 SEEN = 0.5  # least share of the dots that a touched photograph must show
-BLURRED = 0.4  # of a dot's radius: how far beyond it is filled in, too
+BLURRED = 0.4  # of a dot's radius, and a pixel: how far beyond it is filled in, for its rim is blurred
 
 
 class MarkerRemoval:
@@ -58,11 +58,11 @@ class MarkerRemoval:
 
     def _find(self, image: NDArray[np.uint8]) -> tuple[Mask, int]:
         """Find the pixels of dots, and count the dots."""
-        spots = label(_deviation(image) @ self.colour > self.contrast / 2)
+        spots = label(_deviation(image) @ self.colour > self.contrast / 3)
         areas = np.bincount(spots.ravel()) / self.area
         kept = (areas > 1 / STRETCHED) & (areas < STRETCHED)
         kept[0] = False
-        dots = dilation(kept[spots], disk(max(1, round(BLURRED * float(np.sqrt(self.area / np.pi))))))
+        dots = dilation(kept[spots], disk(1 + round(BLURRED * float(np.sqrt(self.area / np.pi)))))
         return np.asarray(resize(dots, image.shape[:2], order=0)), int(kept.sum())
 
 
