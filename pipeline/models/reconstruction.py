@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from pipeline.entries import Entries
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.kernels.geometry.closed_surface import RESOLUTION, closed_surface
+from pipeline.kernels.geometry.closed_surface import RESOLUTION, closed_surface, vertex_normals
 from pipeline.kernels.geometry.level_set import level_set_mesh
 from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
@@ -26,7 +26,7 @@ from pipeline.kernels.networks.network_configurations import ImplicitConfig, Net
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import camera_direction, carried_camera
 from pipeline.models.model_files import load_network, read_description
-from pipeline.models.observation import NetworkBatch, Observation, stack_observations
+from pipeline.models.observation import ChartBatch, Observation, stack_observations
 
 ImageRow = tuple[float, float, float, float]
 Level = Annotated[int, Field(ge=0, le=255)]
@@ -65,15 +65,16 @@ class Trained(Entries):
     camera: tuple[ImageRow, ImageRow, ImageRow] | None  # projection matrix of the first training object's image, scaled with it
     resolution: tuple[int, int] | None  # rows and columns of its images
     background: tuple[Level, Level, Level] | None = None  # sRGB behind them; None without images, or if not known
-    charts: dict[str, Any] | None  # settings of `fit-charts`; None without touch
+    charts: dict[str, Any] | None  # settings of `fit-charts`; None without touch charts
     diagonals: tuple[float, float] | None = None  # of the smallest and largest object that it learned from, m; None if not known
+    gels: tuple[float, float] | None = None  # least and greatest width of a gel over its object's diagonal; None for touch charts
 
     @model_validator(mode="after")
     def _of_its_inputs(self) -> Self:
-        image, touch = self.network.image is not None, self.network.touch
+        image, charts = self.network.image is not None, self.network.takes_charts
         camera = image and self.network.image != "rendering"  # each rendering has its own
-        if (self.camera is not None, self.resolution is not None, self.charts is not None) != (camera, image, touch):
-            raise ValueError("a network with an image has camera and resolution, one with touch has charts; the others have none")
+        if (self.camera is not None, self.resolution is not None, self.charts is not None) != (camera, image, charts):
+            raise ValueError("a network with an image has camera and resolution, one with touch charts has charts; others have none")
         return self
 
     @cached_property
@@ -137,7 +138,7 @@ class Reconstructor(ABC):
     def _surfaces(self, observations: Sequence[Observation]) -> list[Reconstruction]:
         """Compute the reconstructions of a batch, of objects as large as those that the network learned from."""
 
-    def _batch(self, observations: Sequence[Observation]) -> NetworkBatch:
+    def _batch(self, observations: Sequence[Observation]) -> Any:  # `ChartBatch` or `PointBatch`
         """Stack observations, whose images must be as large as those of the training."""
         like = next(self.network.parameters())
         camera = None if self.trained.camera is None else torch.tensor(self.trained.camera, dtype=torch.float64, device=like.device)
@@ -177,7 +178,7 @@ class DeformationReconstructor(Reconstructor):
 def assemble_surfaces(
     network: DeformationNetwork,
     deformed: Tensor,  # (B, V, 3) vertices of the vision charts, world, m
-    batch: NetworkBatch,  # gives the touch charts
+    batch: ChartBatch,  # gives the touch charts
 ) -> Iterator[tuple[Tensor, Tensor]]:  # (V, 3) vertices, world, m, and (F, 3) faces, of each item
     """Join the vision charts of each item and the charts of its successful touches."""
     vision_faces = torch.tensor(network.charts.faces, device=deformed.device)
@@ -255,11 +256,16 @@ def join_vision_charts(
 def close_reconstruction(
     reconstruction: Reconstruction,
     resolution: int = RESOLUTION,  # edges along the longest side of the surface's box, 64 or more
-    observation: Observation | None = None,  # gives an implicit network's touch charts
+    observation: Observation | None = None,  # gives the touches of an implicit network
 ) -> tuple[NDArray[np.float64], NDArray[np.integer]]:  # vertices (V, 3) m, faces (F, 3)
-    """Make one closed, smooth mesh of a reconstruction, through the vertices of touch charts; see `closed_surface`."""
-    _, faces = chart_square(reconstruction.side)
-    charts = reconstruction.vertices[reconstruction.vision :] if observation is None else observation.touch_vertices[observation.touched]
-    charts = charts.reshape(-1, reconstruction.side**2, 3)
-    vertices, closed_faces = closed_surface(*join_vision_charts(reconstruction), charts, faces.numpy(), resolution=resolution)
+    """Make one closed, smooth mesh of a reconstruction, through touched points; see `closed_surface`."""
+    charts, touches = reconstruction.vertices[reconstruction.vision :].reshape(-1, reconstruction.side**2, 3), ()
+    if observation is not None:
+        touches = [touch for touch in observation.touches if touch.touched]
+        charts = [touch.chart for touch in touches if touch.chart is not None]
+    faces = chart_square(reconstruction.side)[1].numpy()
+    felt = [(chart, -vertex_normals(chart, faces)) for chart in np.asarray(charts, np.float64)]
+    felt += [(touch.points, touch.normals) for touch in touches if touch.chart is None]
+    points, normals = (np.concatenate([np.zeros((0, 3)), *values]) for values in zip(*felt, strict=True)) if felt else np.zeros((2, 0, 3))
+    vertices, closed_faces = closed_surface(*join_vision_charts(reconstruction), points, normals, resolution=resolution)
     return vertices, np.asarray(closed_faces, np.int64)

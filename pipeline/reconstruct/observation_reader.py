@@ -17,6 +17,7 @@ from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.networks.network_configurations import NetworkInputs
 from pipeline.kernels.touch.sensor import sensor_to_world
+from pipeline.kernels.touch.touched_points import Touch, chart_touches
 from pipeline.kernels.vision.scene import Label
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstructor
@@ -60,21 +61,19 @@ class ObservationReader:
         seen = stored_observation(rows, object_id, grasps, config.model_copy(update={"touch": False}))
         tactile_images, poses, touched = (np.concatenate([rows.read(name, object_id, grasp) for grasp in grasps]) for name in TOUCHES)
         self.unet.check_sensor(rows.sensor())
-        vertices, touched = self._charts(tactile_images, poses, touched)
-        return replace(seen, touch_vertices=vertices, touched=touched)
+        return replace(seen, touches=self._charts(tactile_images, poses, touched))
 
     def of_robot(self, placed: Placement) -> Observation:
         """Fit charts to a robot's touches; its image, and the depth that it gives as touched, are placed already."""
         if not self.model.config.touch:
             return Observation(placed.image, camera=placed.camera)
         observation, visible = placed.checked.observation, placed.visible_charts
-        vertices, touched = np.zeros((0, self.model.config.side**2, 3), np.float32), np.zeros(0, bool)
+        touches: tuple[Touch, ...] = ()
         if observation.touches:
             images = network_tactile_images(observation, self.unet.sensor, self.unet.untouched)
             shown = zip(observation.touches, observation.shown_touches, strict=True)
-            vertices, touched = self._charts(images, placed.sensor_poses, [is_shown and touch.touched for touch, is_shown in shown])
-        vertices = np.concatenate([vertices, visible])
-        return Observation(placed.image, vertices, np.concatenate([touched, np.ones(len(visible), bool)]), placed.camera)
+            touches = self._charts(images, placed.sensor_poses, [is_shown and touch.touched for touch, is_shown in shown])
+        return Observation(placed.image, touches + chart_touches(visible, np.ones(len(visible), bool)), placed.camera)
 
     def restricted_to(self, inputs: NetworkInputs) -> Self:
         """Make a reader for a model that accepts any subset of inputs, and these inputs."""
@@ -105,7 +104,7 @@ class ObservationReader:
         tactile_images: NDArray[np.uint8],  # (T, rows, cols, 3)
         poses: NDArray[np.float64],  # (T, 4, 4) sensor frame to world, m
         touched: Sequence[bool | Literal["auto"]] | NDArray[np.bool_],  # (T,); "auto" for those that touched if they have points
-    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:  # (T, side², 3) vertices, world, m; (T,) which sensors have a chart
+    ) -> tuple[Touch, ...]:
         """Fit touch charts as in the model's training."""
         sensor, clouds = self.unet.sensor, self.unet.clouds(tactile_images)
         flags = np.array([len(cloud) > 0 if flag == "auto" else flag for cloud, flag in zip(clouds, touched, strict=True)])
@@ -114,7 +113,7 @@ class ObservationReader:
         options = self._chart_settings.fit_options(sensor.width)
         fits = fit_charts(touched_clouds, sensor.width, generators, aspect=sensor.aspect, options=options)
         vertices = [sensor_to_world(pose, *chart.T) for pose, chart in zip(poses, fits.vertices, strict=True)]
-        return np.array(vertices, np.float32), flags & is_surface(fits.stop_rule)
+        return chart_touches(np.array(vertices), flags & is_surface(fits.stop_rule))
 
     @cached_property
     def _chart_settings(self) -> ChartSettings:

@@ -114,7 +114,7 @@ class Network(Method):
         keeps_surfaces: bool = True,
     ) -> None:
         self.name, self.model, self.first_only, self.keeps_surfaces = name, model, first_only, keeps_surfaces
-        self.image, self.touch, self.charts = model.config.image, model.config.touch, model.config.touch
+        self.image, self.touch, self.charts = model.config.image, model.config.touch, model.config.takes_charts
         self.has_charts = model.has_charts
         self.inputs = {"image": self.image, "touch": self.touch}
 
