@@ -36,7 +36,7 @@ FITTED_TO = {
 """The shipped sensors with networks, and what their sensor files were fitted to; None for nothing, a guess."""
 HELD_OUT = {"gelsight": "the odd ones in taxim 1.4.1", "gelsight_mini": "23 in rpl-cmu/gelslam"}
 """Photographs on which errors are measured."""
-TRAINED_ON = "simulated presses of random shapes into the sensor file {}.yaml, and no photograph; the numbers of that file were fitted to {}"
+TRAINED_ON = "simulated presses of random shapes into the sensor file {}.yaml, and no photograph; its numbers were fitted to {}"
 NO_PHOTOGRAPH = "none: its lamps are a guess, and photographs of a real one are not read well before the sensor is calibrated"
 NOT_FOR = (
     "gels with markers, other sensors of the same make than those whose colours the file holds (calibrate your own), slopes and depths "

@@ -10,7 +10,7 @@ from torch import Tensor
 from pipeline.dataset.object_rows import ObjectRows, is_surface
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.kernels.geometry.transforms import scaling_about
+from pipeline.kernels.geometry.transforms import rotation_from_euler, scaling_about
 from pipeline.kernels.networks.implicit_network import TouchPoints, pad_touches
 from pipeline.kernels.networks.network_configurations import NetworkInputs
 from pipeline.kernels.tensors import network_input
@@ -31,10 +31,20 @@ class Observation:
     touches: tuple[Touch, ...] = ()  # what all sensors of all given grasps feel, world, m
     camera: np.ndarray | None = None  # (3, 4) world, m, to image pixels; None without one, or if it is the training's
     scale: float = 1.0  # about the centre of the network's ball; makes the object as large as those learned from
+    turn: float = 0.0  # rad, about +z through that centre, before the network sees it
 
-    def scaled(self, centre: Sequence[float]) -> "Observation":
-        """Scale the object with its touches and its camera about a point (3,), world, m, so that the image stays the same."""
-        return self if self.scale == 1 else replace(self.moved(scaling_about(centre, self.scale)), scale=1.0)
+    def placement(self, centre: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Compute the similarity (4, 4) about a point (3,), world, m, that moves the object to where the network sees it."""
+        turn = np.eye(4)
+        turn[:3, :3] = rotation_from_euler((0, 0, self.turn))
+        turn[:3, 3] = centre - turn[:3, :3] @ np.asarray(centre)
+        return scaling_about(centre, self.scale) @ turn
+
+    def scaled(self, centre: Sequence[float] | np.ndarray) -> "Observation":
+        """Scale and turn the object with its touches and its camera about a point (3,), world, m, so that the image stays the same."""
+        if self.scale == 1 and self.turn == 0:
+            return self
+        return replace(self.moved(self.placement(centre)), scale=1.0, turn=0.0)
 
     def moved(self, motion: np.ndarray) -> "Observation":
         """Move the object with its touches and its camera by a similarity (4, 4), m, so that the image stays the same."""
@@ -47,15 +57,15 @@ class Observation:
         return touched_flags(self.touches)
 
 
-def observed_arrays(config: NetworkInputs) -> tuple[str, ...]:
-    """Name the arrays of a dataset that a network is given."""
+def observed_arrays(config: NetworkInputs, *, of_gels: bool = False) -> tuple[str, ...]:
+    """Name the arrays of a dataset that a network is given; `of_gels` as of `stored_observation`."""
     camera = [] if config.image is None else ["rendering_camera" if config.image == "rendering" else "projection"]
-    return (*stored_images(config), *camera, *stored_touches(config))
+    return (*stored_images(config), *camera, *stored_touches(config, of_gels=of_gels))
 
 
-def stored_touches(config: NetworkInputs) -> tuple[str, ...]:
+def stored_touches(config: NetworkInputs, *, of_gels: bool = False) -> tuple[str, ...]:
     """Name the arrays of the touches that a network is given: touch charts, or depth maps."""
-    return () if not config.touch else CHART_ARRAYS if config.takes_charts else GEL_ARRAYS
+    return () if not config.touch else CHART_ARRAYS if config.takes_charts and not of_gels else GEL_ARRAYS
 
 
 def stored_images(config: NetworkInputs) -> tuple[str, ...]:
@@ -68,7 +78,7 @@ def stored_images(config: NetworkInputs) -> tuple[str, ...]:
 def stored_observation(
     rows: ObjectRows,  # hold the arrays that `observed_arrays` names
     object_id: str,
-    grasps: Sequence[int],  # whose charts are given; the image is the first camera's of the first; or a viewpoint
+    grasps: Sequence[int],  # whose touches are given; the image is the first camera's of the first; or a viewpoint
     config: NetworkInputs,  # of a network that takes any inputs, those of this observation
     *,
     of_gels: bool = False,  # depth maps are read even if it has learned from charts: they are another sensor's

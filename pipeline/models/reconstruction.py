@@ -19,7 +19,7 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.geometry.closed_surface import RESOLUTION, closed_surface, vertex_normals
 from pipeline.kernels.geometry.level_set import level_set_mesh
-from pipeline.kernels.geometry.transforms import scaling_about, transform_points
+from pipeline.kernels.geometry.transforms import invert_similarity, transform_points
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.implicit_network import Encoding, ImplicitNetwork
 from pipeline.kernels.networks.network_configurations import ImplicitConfig, NetworkConfig, NetworkInputs
@@ -129,8 +129,8 @@ class Reconstructor(ABC):
         """Reconstruct the surfaces of a batch of objects."""
         surfaces = self._surfaces(observations)
         for number, observation in enumerate(observations):
-            if observation.scale != 1:  # back to the size of the object
-                motion = scaling_about(self.config.centre, 1 / observation.scale)
+            if observation.scale != 1 or observation.turn:  # back to where the object is, in its size
+                motion = invert_similarity(observation.placement(self.config.centre))
                 surfaces[number] = replace(surfaces[number], vertices=transform_points(motion, surfaces[number].vertices))
         return surfaces
 
@@ -146,8 +146,8 @@ class Reconstructor(ABC):
         trained = list(self.trained.resolution or ())
         if batch.images is not None and list(batch.images.shape[2:]) != trained:
             raise InvalidInput(
-                f"{self.trained.configuration} was trained on images of {trained} pixels, these have {list(batch.images.shape[2:])}: set "
-                "render-vision.resolution to the former, or train on these"
+                f"{self.trained.configuration} was trained on images of {trained} pixels, these have {list(batch.images.shape[2:])}: "
+                "train on these"
             )
         return batch
 

@@ -9,8 +9,10 @@ from scipy.ndimage import binary_erosion
 from pipeline.kernels.geometry.transforms import pose_of
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.view_transfer import camera_direction, moved_projection, optical_centre, split_projection
+from pipeline.models.foreign_data import learned_sizes, same_gel
 from pipeline.models.reconstruction import Trained
 from pipeline.reconstruct.observation_file import RobotObservation
+from pipeline.reconstruct.observed_touch import ObservedTouch
 
 BY_DEPTH = "estimated from depth and mask"
 FEW = 10  # pixels with a depth below which an object is not located by them
@@ -22,10 +24,14 @@ class Target(Trained):
 
     sensor: Sensor | None = None  # of the network beside it that reads tactile images; None without one
 
+    def is_charted(self, touch: ObservedTouch, sensor: Sensor) -> bool:
+        """Whether a touch becomes a touch chart, as in the network's training: it is a photograph by a sensor with the same gel."""
+        return self.network.takes_charts and touch.tactile_image is not None and (self.sensor is None or same_gel(self.sensor, sensor))
+
     @property
     def size(self) -> float:
         """The middle, on a scale of ratios, of the sizes of the objects that the network learned from, m."""
-        return 2 * self.network.radius if self.diagonals is None else float(np.sqrt(np.prod(self.diagonals)))
+        return float(np.sqrt(np.prod(learned_sizes(self))))
 
 
 @dataclass(frozen=True)
