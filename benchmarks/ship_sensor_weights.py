@@ -37,7 +37,7 @@ FITTED_TO = {
 HELD_OUT = {"gelsight": "the odd ones in taxim 1.4.1", "gelsight_mini": "23 in rpl-cmu/gelslam"}
 """Photographs on which errors are measured."""
 TRAINED_ON = "simulated presses of random shapes into the sensor file {}.yaml, and no photograph; its numbers were fitted to {}"
-NO_PHOTOGRAPH = "none: its lamps are a guess, and photographs of a real one are not read well before the sensor is calibrated"
+NO_PHOTOGRAPH = "nothing: its lamps are a guess, and photographs of a real one are not read well before it is calibrated"
 NOT_FOR = (
     "gels with markers, other sensors of the same make than those whose colours the file holds (calibrate your own), slopes and depths "
     "beyond what the file states, and any use in which a wrong depth does harm"
