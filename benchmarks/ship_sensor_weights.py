@@ -79,6 +79,11 @@ def sensor_card_path(sensor: str, weights: Path = SHIPPED) -> Path:
     return weights / SENSORS / CARD.format(sensor)
 
 
+def square_pixels(sensor: Sensor) -> Sensor:
+    """Give a sensor square pixels, which a DIGIT's are not: errors are measured in them."""
+    return resample_longer_side(sensor, max(sensor.shape))
+
+
 def simulated_balls(sensor: Sensor, count: int) -> list[Press]:
     """Press balls of random sizes into a sensor's gel, with their middles anywhere in the middle half of it."""
     (x, y), presses = pixel_centres(sensor), []
@@ -126,8 +131,7 @@ def ship(
     settings: TouchTrainingSettings | None = None,
 ) -> SensorCard:
     """Train the network of a shipped sensor, and write it with its card; `presses` and `settings` as `train_sensor_network` takes them."""
-    sources, sensor, fitted_to = commit(), load_sensor(name), FITTED_TO[name]
-    sensor = resample_longer_side(sensor, max(sensor.shape))  # a DIGIT's pixels are not square
+    sources, sensor, fitted_to = commit(), square_pixels(load_sensor(name)), FITTED_TO[name]
     scale = MM * sensor.pitch[1]
     model, _ = train_sensor_network(sensor, presses=presses, settings=settings)
     errors = {SIMULATED: errors_of(model, simulated_balls(sensor, BALLS), untouched_image(sensor), scale)}

@@ -91,12 +91,13 @@ def learned_view(
     assert trained.resolution is not None
     centre = np.array(trained.network.centre)
     carried = carried_camera(trained.projection, camera, centre)
-    view, training_view = (camera_direction(matrix, centre) for matrix in (camera, trained.projection))
-    above, training_above = np.degrees([view.elevation, training_view.elevation])
+    view, training_above = camera_direction(camera, centre), trained.learned_direction(camera)[1]
+    above = np.degrees(view.elevation)
     difference = abs(above - training_above)
+    learned = f"{training_above:z.1f}°" if trained.drawn is None else "{:g}° to {:g}°".format(*trained.drawn.elevation)
     remarks = [
         f"{'warning: ' if difference > FAR_VIEW else ''}camera {view.distance / scale:.3g} m from the object and {above:z.1f}° above "
-        f"its horizon; in training {training_above:z.1f}°: the views differ by {difference:.1f}°"
+        f"its horizon; in training {learned}: the views differ by {difference:.1f}°"
     ]
     transferred, share = transfer_view(image, camera, carried, trained.resolution, fill)
     if share < MIN_SHOWN:
@@ -116,8 +117,8 @@ def as_learned(trained: Trained, seen: Observation) -> tuple[Observation, tuple[
     assert camera is not None
     if seen.image.shape[:2] == trained.resolution and trained.has_view(camera):
         return seen, ()
-    own, learned = (camera_direction(matrix, centre).azimuth for matrix in (camera, trained.projection))
-    turned = replace(seen, turn=learned - own)
+    turn = np.radians(trained.learned_direction(camera)[0]) - camera_direction(camera, centre).azimuth
+    turned = replace(seen, turn=float(turn))
     image, fill = seen.image, trained.background or background_color(seen.image)
     if trained.background is not None:
         image = np.where(foreground(image)[..., None], image, np.array(fill, np.uint8))

@@ -87,8 +87,11 @@ def stored_observation(
     image, camera, scale = None, None, scale_of(rows, object_id, config)
     if config.image is not None:
         image = rows.read(config.image, object_id, grasps[0], camera=0)
-        is_rendering = config.image == "rendering"
-        camera = rows.read("rendering_camera", object_id, grasps[0]) if is_rendering else rows.read("projection", object_id)[0]
+        if config.image == "rendering":
+            camera = rows.read("rendering_camera", object_id, grasps[0])
+        else:
+            view = 0 if config.image == "unoccluded" else 1 + grasps[0]
+            camera = rows.read("projection", object_id, camera=0)[view]
     touches: tuple[Touch, ...] = ()
     if config.touch and (of_gels or not config.takes_charts):
         arrays = [np.stack([rows.read(name, object_id, grasp) for grasp in grasps]) for name in GEL_ARRAYS]  # (grasp, sensor, …)
@@ -124,10 +127,10 @@ def learned_touch(touch: Touch, sensor: Sensor, pose: np.ndarray, config: Networ
     return chart_touches(square[None], np.zeros(1, bool))[0]
 
 
-def stored_camera(rows: ObjectRows, object_id: str, config: NetworkInputs) -> np.ndarray:
-    """Read the (3, 4) projection matrix of an object's image, scaled with the object to the size that networks learn."""
-    seen = Observation(None, camera=rows.read("projection", object_id)[0], scale=scale_of(rows, object_id, config))
-    return np.asarray(seen.scaled(config.centre).camera)
+def stored_cameras(rows: ObjectRows, object_id: str, config: NetworkInputs) -> np.ndarray:
+    """Read the projection matrices (view, 3, 4) of an object's images, scaled with the object to the size that networks learn."""
+    scale, matrices = scale_of(rows, object_id, config), rows.read("projection", object_id, camera=0)
+    return np.array([Observation(None, camera=matrix, scale=scale).scaled(config.centre).camera for matrix in matrices])
 
 
 def scale_of(rows: ObjectRows, object_id: str, config: NetworkInputs) -> float:

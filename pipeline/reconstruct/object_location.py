@@ -111,9 +111,9 @@ def network_axes(
     upright = turn_to_z(np.array(observation.up))
     if observation.view is None or target is None or target.projection is None:
         return upright
-    motion = pose_of(upright, -upright @ point)
-    azimuth = camera_direction(moved_projection(observation.view.matrix, motion), np.zeros(3)).azimuth
-    angle = camera_direction(target.projection, np.array(target.network.centre)).azimuth - azimuth
+    centre = np.array(target.network.centre)
+    camera = moved_projection(observation.view.matrix, pose_of(upright, centre - upright @ point))
+    angle = np.radians(target.learned_direction(camera)[0]) - camera_direction(camera, centre).azimuth
     cosine, sine = np.cos(angle), np.sin(angle)
     return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]]) @ upright
 

@@ -22,7 +22,7 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.models.device import device_of
 from pipeline.models.families import ROWS, load_reconstructor, load_rows, model_record, rows_of, trained_folder
 from pipeline.models.foreign_data import same_gel, size_remarks
-from pipeline.models.observation import stored_camera
+from pipeline.models.observation import stored_cameras
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.shipped_weights import DEFAULT, SHIPPED, read_card, shipped_models
 from pipeline.models.touch_model import load_touch_model
@@ -212,7 +212,8 @@ def not_learned(directory: DataDirectory, models: Mapping[str, Reconstructor], *
     yield from size_remarks(model.trained, [rows.diagonal(object_id) for object_id in rows.object_ids], sensors, shipped_chart_sensor())
     if touch and of_gels:
         yield "touches are points of the exact depth maps"
-    if images and not all(model.trained.has_view(stored_camera(rows, object_id, model.config)) for object_id in rows.object_ids):
+    cameras = (camera for object_id in rows.object_ids if images for camera in stored_cameras(rows, object_id, model.config))
+    if not all(map(model.trained.has_view, cameras)):
         yield "images are turned and zoomed to the camera that it was trained with"
 
 

@@ -132,7 +132,7 @@ def test_shipped_weights_are_small_and_each_has_a_card():
 @pytest.mark.parametrize("name", sorted(ship_sensor_weights.FITTED_TO))
 def test_depth_error_on_simulated_balls_is_that_of_the_sensors_card(name):
     """Balls are not those of the training; the reader would refuse a changed sensor file."""
-    sensor = load_sensor(name)
+    sensor = ship_sensor_weights.square_pixels(load_sensor(name))
     balls = ship_sensor_weights.simulated_balls(sensor, ship_sensor_weights.BALLS)
     reader = TouchReader(name, untouched := untouched_image(sensor))
     error = ship_sensor_weights.errors_of(reader.model, balls, untouched, 1e3 * sensor.pitch[1])
