@@ -21,10 +21,10 @@ from pipeline.kernels.vision.view_transfer import (
 )
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Trained
+from pipeline.models.shipped_weights import is_like
 
-UNLIKE, FAR_VIEW, MIN_SHOWN = 1.25, 10.0, 0.9
-"""Limits for warnings: ratio to the sizes of the training's objects and gels; degrees between views; share of the training camera's image
-that an image shows."""
+FAR_VIEW, MIN_SHOWN = 10.0, 0.9
+"""Limits for warnings: degrees between views, and share of the training camera's image that an image shows."""
 SIZE_TOLERANCE = 0.02  # relative difference of sensors, and of the sides of tactile images, that is taken for rounding
 
 
@@ -47,23 +47,19 @@ def size_remarks(
 ) -> Iterator[str]:
     """Warn of objects of other sizes than those learned, and of gels that are wider or narrower beside the object."""
     sizes = learned_sizes(trained)
-    if not _are_alike(diagonals, sizes):
+    if not all(is_like(diagonal, sizes) for diagonal in diagonals):
         subject = "the object's diagonal is" if len(diagonals) == 1 else "the objects' diagonals are"
         text = f"{subject} {_range(diagonals)} m, the network has learned from objects of {_range(sizes)} m"
         yield f"warning: {text}: hand and touches have another size beside this one"
     gels = trained.gels or (None if learned is None else (learned.width / sizes[1], learned.width / sizes[0]))
     widths = [sensor.width for sensor in sensors]
     shares = [min(widths, default=0) / max(diagonals), max(widths, default=0) / min(diagonals)]
-    if sensors and gels and not _are_alike(shares, gels):
+    if sensors and gels and not all(is_like(share, gels) for share in shares):
         names = ", ".join(dict.fromkeys(sensor.name for sensor in sensors))
         yield (
             f"warning: gels of {names} are {_range(100 * np.array(shares), '.2g')} % of the object's diagonal wide, "
             f"the network has learned from {_range(100 * np.array(gels), '.2g')} %: touches help less than measured"
         )
-
-
-def _are_alike(values: Sequence[float], learned: Sequence[float]) -> bool:
-    return min(learned) / UNLIKE <= min(values) and max(values) <= max(learned) * UNLIKE
 
 
 def _range(values: Sequence[float] | NDArray[np.float64], form: str = ".3g") -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.transform import resize
 
-from pipeline.kernels.charts.visible_charts import UNEVEN, WIDTH, visible_charts
+from pipeline.kernels.charts.visible_charts import WIDTH, visible_charts
 from pipeline.kernels.geometry.transforms import compose, invert_similarity, transform_points, unit_vectors
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.camera import project_points
@@ -70,9 +70,9 @@ def place_observation(checked: CheckedObservation) -> Placement:
     charts: NDArray[np.float32] = np.zeros((0, inputs.side**2, 3), np.float32)
     if view is not None and view.camera.metres is not None and view.camera.depth_as_touch and inputs.touch:
         intrinsic, rotation = split_projection(view.matrix)
-        seen = visible_charts(view.camera.metres, view.camera.object_pixels, intrinsic, inputs.side) @ rotation
+        seen = visible_charts(view.camera.metres, view.camera.object_pixels, intrinsic, inputs.side, factor) @ rotation
         charts = transform_points(to_network, seen + optical_centre(view.matrix)).astype(np.float32)
-    remarks += _touch_remarks(checked, target, len(charts))
+    remarks += _touch_remarks(checked, target, len(charts), factor)
     return Placement(checked, to_network, image, camera, factor, compose(to_network, observation.sensor_poses), charts, remarks)
 
 
@@ -166,6 +166,7 @@ def _touch_remarks(
     checked: CheckedObservation,
     target: Target,
     count: int,  # of patches of the visible surface
+    factor: float,  # of the object's scale
 ) -> Iterator[str]:
     observation, inputs, sensor, camera = checked.observation, checked.inputs, target.sensor, checked.observation.camera
     if inputs.touch and observation.touches:
@@ -185,7 +186,7 @@ def _touch_remarks(
             yield f"warning: {', '.join(turned)} face away from the object's centre: +z, and normals, must point out of the gel"
     if camera is not None and camera.metres is not None:
         if camera.depth_as_touch and inputs.touch:
-            causes = f"small beside a patch ({1e3 * WIDTH:g} mm), rough ({1e3 * UNEVEN:g} mm), seen at a flat angle, or not measured"
+            causes = f"small beside a patch ({1e3 * WIDTH / factor:.2g} mm), rough, seen at a flat angle, or not measured"
             few = "" if count >= FEW_PATCHES else f"; most of it is {causes}"
             yield f"{'warning: ' if few else ''}{count} patches of the visible surface are given as touched{few}"
         elif camera.mask is None:

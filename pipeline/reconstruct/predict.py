@@ -163,6 +163,7 @@ class _Given:
     photograph: tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.bool_]] | None = None  # that colours a closed mesh
     remarks: Sequence[str] = ()
     placed: Placement | None = None  # of a robot's observation
+    diagonal: float | None = None  # of the object, m, if it is known
 
 
 def _predicted(reader: ObservationReader, source: Observed, surface: Surface, resolution: int) -> Prediction:
@@ -180,7 +181,7 @@ def _predicted(reader: ObservationReader, source: Observed, surface: Surface, re
     remarks = [*given.remarks]
     if reconstruction.is_guess:
         remarks.append("warning: the network finds no point inside the object; the surface is a speck around the likeliest one")
-    remarks.append(error_note(given.reader))
+    remarks.append(error_note(given.reader, given.diagonal))
     if placed is None:
         return Prediction(reconstruction, inputs.touched, closed=closed, remarks=remarks)
     observed = placed.checked.observation
@@ -214,7 +215,7 @@ def _of_robot(reader: ObservationReader, source: RobotObservation | Path) -> _Gi
     if (view := observed.view) is not None:
         matrix = view.matrix * [*(3 * [observed.metres_per_unit]), 1.0]  # of points in the observation's unit
         photograph = view.camera.image, matrix, view.camera.object_pixels
-    return _Given(reader, inputs, photograph, remarks, placed)
+    return _Given(reader, inputs, photograph, remarks, placed, placed.checked.box.diagonal)
 
 
 def _of_object(reader: ObservationReader, stored: StoredGrasps) -> _Given:
@@ -230,11 +231,11 @@ def _of_object(reader: ObservationReader, stored: StoredGrasps) -> _Given:
         is_stored = model.config.image in ("occluded", "unoccluded")
         mask = object_mask(stored.data, stored.object_id, model.config.image, numbers) if is_stored else foreground(inputs.image)
         photograph = inputs.image, inputs.camera, mask
+    diagonal = 2 * model.config.radius / inputs.scale
     if not reader.is_of(stored.data):
-        diagonal = 2 * model.config.radius / inputs.scale
         inputs, further = as_learned(model.trained, inputs)
         remarks = [*size_remarks(model.trained, [diagonal], reader.sensors_in(stored.data), reader.target.sensor), *further]
-    return _Given(reader, inputs, photograph, remarks)
+    return _Given(reader, inputs, photograph, remarks, diagonal=diagonal)
 
 
 def _write(out: Path, prediction: Prediction, surface: Surface) -> list[Path]:

@@ -38,6 +38,12 @@ def test_charts_lie_on_a_tilted_plane_and_face_the_camera():
     assert (np.abs(sides - WIDTH) < 0.3 * WIDTH).all()
 
 
+@pytest.mark.parametrize("scale", [0.5, 2.0])
+def test_charts_are_as_large_in_proportion_to_any_object(scale):
+    charts = visible_charts(plane((0, 0, 1), 0.5), EVERYWHERE, INTRINSIC, SIDE, scale)
+    np.testing.assert_allclose(np.ptp(charts[:, :, 0], axis=1), WIDTH / scale, rtol=0.15)
+
+
 def test_charts_lie_on_the_visible_part_of_a_ball():
     depth = ball()
     charts = visible_charts(depth, np.isfinite(depth), INTRINSIC, SIDE)
