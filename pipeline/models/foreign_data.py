@@ -51,7 +51,9 @@ def size_remarks(
         subject = "the object's diagonal is" if len(diagonals) == 1 else "the objects' diagonals are"
         text = f"{subject} {_range(diagonals)} m, the network has learned from objects of {_range(sizes)} m"
         yield f"warning: {text}: hand and touches have another size beside this one"
-    gels = trained.gels or (None if learned is None else (learned.width / sizes[1], learned.width / sizes[0]))
+    gels = trained.gels
+    if gels is None and learned is not None and trained.network.takes_charts:
+        gels = learned.width / sizes[1], learned.width / sizes[0]
     widths = [sensor.width for sensor in sensors]
     shares = [min(widths, default=0) / max(diagonals), max(widths, default=0) / min(diagonals)]
     if sensors and gels and not all(is_like(share, gels) for share in shares):
