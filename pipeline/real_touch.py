@@ -104,7 +104,9 @@ class TouchReader:
             raise InvalidInput(f"{folder} holds a U-Net, which reads simulated images; photographs are read by a network of `train-touch`")
         self.network = f"the pretrained network for {described.name}" if folder == shipped else str(folder)
         if model is None:
-            loaded.check_description(described, self.network, f"{REMEDY}, or name {folder} there if larger errors do no harm")
+            loaded.check_description(
+                described, self.network, f"{path} describes", f"{REMEDY}, or name {folder} there if larger errors do no harm"
+            )
         self.pixel_aspect = described.pitch[0] / described.pitch[1]
         loaded.check_sides(*described.shape, self.pixel_aspect)
         self.model, self.untouched, self.described, self.accept_photographs = loaded, untouched, described, accept_photographs

@@ -88,7 +88,7 @@ def shipped_touch_model(sensor: Sensor, device: torch.device | str) -> "LocalTou
         raise InvalidInput(f"no pretrained network reads photographs of sensor {sensor.name}: {remedy}")
     model = load_touch_model(folder, device)
     assert isinstance(model, LocalTouchModel)
-    model.check_description(sensor, f"the pretrained network for {sensor.name}", remedy)
+    model.check_description(sensor, f"the pretrained network for {sensor.name}", f"the given {sensor.name}", remedy)
     return model
 
 
@@ -187,10 +187,10 @@ class LocalTouchModel(TouchModel):
         gel_at_rest = gel_surface(resample(self.sensor, *images.shape[1:3]))
         return np.maximum(gel_at_rest - reading.indentation, 0).astype(np.float32), reading.contact
 
-    def check_description(self, sensor: Sensor, network: str, remedy: str) -> None:
+    def check_description(self, sensor: Sensor, network: str, what: str, remedy: str) -> None:
         """Raise an `InvalidInput` if photographs of the sensor, as it is described, are not like those of the training."""
         if differing := sensor_differences(self.sensor, sensor, but_for=SAME_IMAGES):
-            raise InvalidInput(f"{network} was trained for another sensor than {sensor.name}: {', '.join(differing)} differ; {remedy}")
+            raise InvalidInput(f"{network} was trained for another sensor than {what}: {', '.join(differing)} differ; {remedy}")
 
     def _resized(self, images: np.ndarray, parameter: Tensor) -> Tensor:
         """Average (…, H, W, 3) images to the network's pixels: (B, 3, rows, cols), levels."""

@@ -120,7 +120,8 @@ def _averaged(points: Array, normals: Array, spacing: float) -> tuple[Array32, A
     """Average points (N, 3) and their unit normals over squares of x and y: (M, 3) each."""
     if not len(points):
         return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32)
-    cells = np.unique(np.floor(points[:, :2] / spacing), axis=0, return_inverse=True)[1].ravel()
+    column, row = np.floor(points[:, :2] / spacing).astype(np.int64).T
+    cells = np.unique((row - row.min()) * (np.ptp(column) + 1) + column, return_inverse=True)[1]
     count = np.bincount(cells)
     x, y, z, *across = (np.bincount(cells, weights=axis) / count for axis in (*points.T, *normals.T))
     return np.stack([x, y, z], axis=1).astype(np.float32), unit_vectors(np.stack(across, axis=1)).astype(np.float32)
