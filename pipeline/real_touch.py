@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
-from pipeline.formats.image_file import SUFFIXES, encode_image, image_files
+from pipeline.formats.image_file import GEL_STEP, SUFFIXES, encode_image, image_files
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.depth_maps import gel_surface, press_gel, scaled_gel
 from pipeline.kernels.touch.marker_removal import MarkerRemoval
 from pipeline.kernels.touch.photograph_faults import photograph_faults, rim_change, stop_at, untouched_faults
 from pipeline.kernels.touch.press_shapes import PressRanges, random_press
-from pipeline.kernels.touch.sensor import Sensor, masked_points, resample, resample_longer_side, sensor_differences
+from pipeline.kernels.touch.sensor import Sensor, masked_points, resample, resample_longer_side
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.models.model_files import DESCRIPTION
 from pipeline.models.shipped_weights import shipped_sensor_network
@@ -32,9 +32,6 @@ from stages.train_touch import Presses, SimulatedPress, TouchTrainingSettings, t
 ZARR = "touches.zarr"
 MODEL_SUFFIX = "-touch"
 """Suffix of the folder beside a sensor file that holds its network: `my_gel-touch` beside `my_gel.yaml`."""
-SAME_IMAGES = {"rows": True, "cols": True, "gel": {"modulus", "friction"}}
-"""Entries that may differ from the sensor of a network that was not named: they change neither images nor indentation."""
-PNG_STEP = 1e-7  # m per level of a depth PNG: 16 bits reach 6.5 mm
 DEEPEST = 2**16 - 1
 RIM_SHARE = 0.03
 """Share of the rim that shows a press, above which the rim counts as pressed. Of public photographs, 26 of 28 whose contact the rim cuts
@@ -110,10 +107,9 @@ class TouchReader:
         if not isinstance(loaded, LocalTouchModel):
             raise InvalidInput(f"{folder} holds a U-Net, which reads simulated images; photographs are read by a network of `train-touch`")
         self.network = f"the pretrained network for {described.name}" if folder == shipped else str(folder)
-        if model is None and (differing := sensor_differences(loaded.sensor, described, but_for=SAME_IMAGES)):
-            raise InvalidInput(
-                f"{self.network} was trained for another sensor than {path} describes: {', '.join(differing)} differ; {REMEDY}, or name "
-                f"{folder} there if larger errors do no harm"
+        if model is None:
+            loaded.check_description(
+                described, self.network, f"{path} describes", f"{REMEDY}, or name {folder} there if larger errors do no harm"
             )
         self.pixel_aspect = described.pitch[0] / described.pitch[1]
         loaded.check_sides(*described.shape, self.pixel_aspect)
@@ -143,12 +139,12 @@ class TouchReader:
 def write_reading(reading: TouchReading, folder: Path, name: str) -> None:
     """Write a reading into a folder, which is made where it is missing, and its group of `ZARR`.
 
-    `NAME-depth.png`, 16 bits, `PNG_STEP` m per level; `NAME-contact.png`, 255 in the contact; `NAME-normals.png`, (n + 1) / 2 as colours;
+    `NAME-depth.png`, 16 bits, `GEL_STEP` m per level; `NAME-contact.png`, 255 in the contact; `NAME-normals.png`, (n + 1) / 2 as colours;
     `NAME.ply`, points in the contact with normals, m.
     """
     folder.mkdir(parents=True, exist_ok=True)
     normals = reading.normals
-    levels = np.minimum(np.rint(reading.indentation.astype(np.float64) / PNG_STEP), DEEPEST).astype(np.uint16)
+    levels = np.minimum(np.rint(reading.indentation.astype(np.float64) / GEL_STEP), DEEPEST).astype(np.uint16)
     pictures: dict[str, np.ndarray] = {
         "depth": levels,
         "contact": np.where(reading.contact, 255, 0).astype(np.uint8),

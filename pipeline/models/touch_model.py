@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -25,11 +26,14 @@ from pipeline.kernels.touch.elastic_contact import PressedGel
 from pipeline.kernels.touch.sensor import MM, Sensor, masked_points, resample, sensor_differences
 from pipeline.kernels.touch.surface_contact import contact_margin
 from pipeline.models.model_files import load_network, read_description, save_model, unusable
+from pipeline.models.shipped_weights import shipped_sensor_network
 
 UNTOUCHED = "untouched.png"
 IMAGES_AT_ONCE = 32  # tactile images in one batch: at Table 5's width about half a GB of features
 SIDES_TOLERANCE = 0.03
 """Largest relative difference between the aspect ratios of photographs and sensor: pixels may not be quite square."""
+SAME_IMAGES = {"rows": True, "cols": True, "gel": {"modulus", "friction"}}
+"""Entries that may differ from the sensor of a network that was not named: they change neither images nor indentation."""
 MAY_DIFFER = {name: True for name in ("rows", "cols", "range", "membrane", "gel", "noise")} | {"calibrated": {"background"}}
 """Entries that may differ from a local network's sensor: pixels, range, background and noise, and how soft the gel is."""
 
@@ -74,6 +78,19 @@ def load_touch_model(folder: Path, device: torch.device | str) -> "TouchModel":
         return LocalTouchModel(load_network(folder, lambda: LocalNetwork(description.width), device), description.sensor, untouched)
     unet = load_network(folder, lambda: UNet(description.width), device)
     return UnetTouchModel(unet, description.sensor, untouched, description.mask_threshold)
+
+
+@lru_cache(maxsize=8)
+def shipped_touch_model(sensor: Sensor, device: torch.device | str) -> "LocalTouchModel":
+    """Load the pretrained network for a sensor's photographs; raise an `InvalidInput` if there is none."""
+    remedy = "read them with `read-touch` and a network for it, and give NAME-depth.png and NAME-contact.png as depth and contact"
+    folder = shipped_sensor_network(sensor.name)
+    if folder is None:
+        raise InvalidInput(f"no pretrained network reads photographs of sensor {sensor.name}: {remedy}")
+    model = load_touch_model(folder, device)
+    assert isinstance(model, LocalTouchModel)
+    model.check_description(sensor, f"the pretrained network for {sensor.name}", f"the given {sensor.name}", remedy)
+    return model
 
 
 @dataclass(frozen=True)
@@ -172,6 +189,11 @@ class LocalTouchModel(TouchModel):
         reading = self.read(images)
         gel_at_rest = gel_surface(resample(self.sensor, *images.shape[1:3]))
         return np.maximum(gel_at_rest - reading.indentation, 0).astype(np.float32), reading.contact
+
+    def check_description(self, sensor: Sensor, network: str, what: str, remedy: str) -> None:
+        """Raise an `InvalidInput` if photographs of the sensor, as it is described, are not like those of the training."""
+        if differing := sensor_differences(self.sensor, sensor, but_for=SAME_IMAGES):
+            raise InvalidInput(f"{network} was trained for another sensor than {what}: {', '.join(differing)} differ; {remedy}")
 
     def _resized(self, images: np.ndarray, parameter: Tensor) -> Tensor:
         """Average (…, H, W, 3) images to the network's pixels: (B, 3, rows, cols), levels."""
