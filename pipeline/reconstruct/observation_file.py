@@ -77,7 +77,7 @@ class ObservedCamera(ObservationEntries):
     depth_scale: float = Field(default=1e-3, gt=0, le=1, description="m per level of a 16-bit depth image; 0.001 for mm")
     depth_as_touch: bool = Field(
         default=False,
-        description="give the visible points of `depth` as touched, to networks with touch: for errors up to 0.4 % of its size; needs `mask`",
+        description="give visible points of `depth` as touched, to networks with touch: for errors up to 0.4 % of its size; needs `mask`",
     )
 
     @model_validator(mode="after")
