@@ -27,7 +27,13 @@ GEARED_INERTIA = 1e-4  # kg m², of the rotors that move coupled joints: 1e-8 kg
 FOLLOWER_SLACK = 0.1  # rad (m) beyond its leader's limits that a following joint is free to move, so that the limits do not conflict
 
 
-def write_hand_urdf(hand: Hand, folder: Path, sensors: Sequence[Sensor] = ()) -> Path:
+def write_hand_urdf(
+    hand: Hand,
+    folder: Path,
+    sensors: Sequence[Sensor] = (),
+    *,
+    rotors: float = 0.0,  # kg m², added to the inertia of every link, for engines that know no rotors
+) -> Path:
     """Write a hand's URDF and its collision meshes, as convex OBJ files, into a folder.
 
     Visuals are left away, every link has a mass and an inertia that a body can have, frozen joints are fixed, and a joint that follows
@@ -36,7 +42,7 @@ def write_hand_urdf(hand: Hand, folder: Path, sensors: Sequence[Sensor] = ()) ->
     """
     robot, geared = Element("robot", name=hand.name), geared_links(hand)
     for number, link in enumerate(hand.links):
-        _add_link(robot, link, folder / f"link-{number}", rotors=GEARED_INERTIA if number in geared else 0.0)
+        _add_link(robot, link, folder / f"link-{number}", rotors=max(rotors, GEARED_INERTIA if number in geared else 0.0))
     for joint in hand.joints:
         _add_joint(robot, joint, hand)
     for number, sensor in enumerate(sensors):

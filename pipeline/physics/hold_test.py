@@ -22,6 +22,7 @@ HOLD_TESTS = {"lift": (DOWN,), "six": tuple(tuple((sign * axis).tolist()) for ax
 STEPS_PER_SECOND = 240
 LOCK_FORCE = 1000.0  # N that hold the plate of a gel without contact where it is drawn in
 GEL_MODULUS = 1e5  # Pa, Young's modulus of a gel whose file gives none: 7 mm of it, pressed in by 2 mm over 60 mm², press back with 2 N
+STEADY = 2.0  # mass of a plate over stiffness times the square of a step: an explicit step diverges below a quarter
 DAMPING = 0.25  # damping of a gel's spring, as a share of the critical damping
 OVERLAP = 1e-4  # m by which a plate starts in the object: engines find no contact of flat faces that only meet; a spring then overshoots
 WITHIN, REST = 0.1, 0.05
@@ -73,12 +74,20 @@ class Track:
 
 @dataclass(frozen=True)
 class GelSpring:
-    """The spring of a gel's plate in a contact."""
+    """The spring of a gel's plate in a contact; its force grows with a power of the way that the plate is pressed in."""
 
     height: float = 0.0  # m, of the plate above the sensor plane where it meets the object
-    stiffness: float = 0.0  # N/m
+    stiffness: float = 0.0  # N/m there
     damping: float = 0.0  # N s/m
     torsion: float = 0.0  # m, moment about the normal that friction resists per newton of normal force
+    way: float = 1.0  # m that the plate is pressed in there
+    exponent: float = 1.0
+    mass: float = GEL_MASS  # kg of the plate
+
+    def force(self, way: float) -> float:
+        """Compute the force, N, of a plate that is pressed in by `way`, m, or not."""
+        pressed = max(way, 0.0)
+        return self.stiffness / self.exponent * pressed * float((pressed / self.way) ** (self.exponent - 1))
 
 
 def gel_spring(
@@ -90,9 +99,10 @@ def gel_spring(
 ) -> GelSpring:
     """Compute the spring of a gel in a contact; one that does not touch is drawn in and has none.
 
-    In the contact it presses as an elastic layer does (Winkler's foundation: pressure = modulus * indentation / thickness). Where the
-    plate's distance from there to the gel's surface is below `OVERLAP` it presses less: its stiffness would have no bound.
-    Friction about the normal is that of a disc of the contact's area under constant pressure, 2/3 μ times its radius.
+    In the contact an elastic gel presses with its force, which grows as it does there. Its plate is as heavy as `STEADY` steps ask, too
+    heavy for its weight to be true. A gel of whose file states no modulus presses as a Winkler foundation (pressure = modulus * indentation
+    / thickness). Where the plate's distance from there to the gel's surface is below `OVERLAP` it presses less: its stiffness would have no
+    bound. Friction about the normal is that of a disc of the contact's area under constant pressure, 2/3 μ times its radius.
     """
     if contact is None:
         return GelSpring()
@@ -101,7 +111,11 @@ def gel_spring(
     modulus = GEL_MODULUS if sensor.gel is None else sensor.gel.modulus
     stiffness = modulus / sensor.layer_thickness * contact.volume / max(top - height, OVERLAP)
     torsion = 2 / 3 * friction * float(np.sqrt(contact.area / np.pi))
-    return GelSpring(height, stiffness, 2 * DAMPING * float(np.sqrt(stiffness * GEL_MASS)), torsion)
+    way, exponent, mass = max(top - height, OVERLAP), 1.0, GEL_MASS
+    if contact.force > 0:
+        stiffness = contact.stiffness
+        exponent, mass = stiffness * way / contact.force, max(GEL_MASS, stiffness * STEADY / STEPS_PER_SECOND**2)
+    return GelSpring(height, stiffness, 2 * DAMPING * float(np.sqrt(stiffness * mass)), torsion, way, exponent, mass)
 
 
 class HoldTest(HandPhysics):
@@ -125,6 +139,7 @@ class HoldTest(HandPhysics):
         self.mass, self.torsion = mass, torsion
         self._start: tuple[list[float], list[float]]
         self._springs: list[GelSpring]
+        self._weight: list[float] | None = None  # N, of an object that gravity acts on alone
         super().__init__(hand, sensors)
 
     def load(
@@ -207,6 +222,12 @@ class HoldTest(HandPhysics):
         return max(-min((point[8] for point in client.getContactPoints(self._object, hand.body)), default=0.0), 0.0)
 
     def _accelerate(self, acceleration: Sequence[float]) -> None:
+        """Set the acceleration (3,), m/s²; where plates are heavier than gels, of the object alone."""
+        if any(spring.mass > GEL_MASS for spring in self._springs):
+            self._weight = [self.mass * component for component in acceleration]
+            acceleration = (0.0, 0.0, 0.0)
+        else:
+            self._weight = None
         self.client.setGravity(*acceleration)
 
     def _drive(self, posture: Array) -> None:
@@ -218,11 +239,23 @@ class HoldTest(HandPhysics):
         states, control, step = self.client.getJointStates, self.client.setJointMotorControlArray, self.client.stepSimulation
         for _ in range(round(seconds * STEPS_PER_SECOND)):
             forces = [
-                spring.stiffness * max(top - height, 0.0) - spring.damping * speed
+                spring.force(top - height) - spring.damping * speed
                 for spring, top, (height, speed, *_) in zip(self._springs, tops, states(body, gels), strict=True)
             ]
             control(body, gels, pybullet.TORQUE_CONTROL, forces=forces)
+            if self._weight is not None:
+                centre = self.client.getBasePositionAndOrientation(self._object)[0]
+                self.client.applyExternalForce(self._object, -1, self._weight, centre, pybullet.WORLD_FRAME)
             step()
+
+    def forces(self) -> Array:  # (S + 1, 3) N, world
+        """Read the forces on the object in the last step: of each gel, then of all rigid links together."""
+        forces, numbers = np.zeros((len(self._gels) + 1, 3)), {gel: number for number, gel in enumerate(self._gels)}
+        for point in self.client.getContactPoints(self._body.body, self._object):
+            normal, size, along, first, across, second = point[7], point[9], point[11], point[10], point[13], point[12]
+            force = size * np.array(normal) + first * np.array(along) + second * np.array(across)
+            forces[numbers.get(point[3], -1)] -= force
+        return forces
 
     def _object_pose(self) -> Array:
         """Read the centre, m, and quaternion of the object, (7,); NaN after a numerical failure of an engine."""
@@ -234,6 +267,8 @@ class HoldTest(HandPhysics):
         spring = gel_spring(sensor, contact, friction=self.hand.friction, margin=COLLISION_MARGIN)
         twist = spring.torsion if self.torsion is None else self.torsion
         self.client.resetJointState(self._body.body, gel, gel_top(sensor) if out and contact else spring.height)
+        if sensor.gel is not None:
+            self.client.changeDynamics(self._body.body, gel, mass=spring.mass)
         lock = 0.0 if contact else LOCK_FORCE
         self.client.setJointMotorControl2(self._body.body, gel, pybullet.POSITION_CONTROL, targetPosition=0.0, force=lock)
         self.client.changeDynamics(self._body.body, gel, lateralFriction=self.hand.friction, spinningFriction=twist)

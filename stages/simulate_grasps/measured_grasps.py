@@ -9,6 +9,7 @@ from pipeline.dataset.grasps import grasp_row
 from pipeline.kernels.arrays import Array, Array32
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.distance_field import penetration_depth
+from pipeline.kernels.hand.gel_balance import close_to_torque, with_force
 from pipeline.kernels.hand.grasp import Grasp, closure_margin, contact_from_depth
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
@@ -51,7 +52,10 @@ class MeasuredGrasps:
         contacts = []
         for sensor_pose, sensor in zip(poses, hand.sensors, strict=True):
             depth = ray_depth(self.object.faces, sensor_pose, sensor)
-            contacts.append(contact_from_depth(depth, sensor_pose, sensor) if touch_success(depth, sensor) else None)
+            contact = contact_from_depth(depth, sensor_pose, sensor) if touch_success(depth, sensor) else None
+            if contact is not None and sensor.gel is not None and self.test is not None:
+                contact = with_force(contact, self.object.faces, sensor_pose, sensor)
+            contacts.append(contact)
         if squeeze is None:
             squeeze = pregrasp_angles(hand.hand, angles, [-self.limits.squeeze])[0]
         penetration, fault = penetration_depth(self.object.field, hand.spheres, frames), None
@@ -59,6 +63,13 @@ class MeasuredGrasps:
             limit = 1e3 * self.limits.penetration_limit
             fault = f"a rigid link is more than {limit:g} mm inside the object ({self.limits.stage}.penetration_limit)"
         return Attempt(Grasp(pose, start, angles, squeeze, poses, contacts), penetration, fault)
+
+    def closed(self, pose: Array, start: Array, angles: Array) -> Array:
+        """Let the fingers that close from one posture (J,) to another stop where elastic gels take all of the motors' torque."""
+        hand = self.measured_hand
+        if any(sensor.gel is None for sensor in hand.sensors):
+            return angles
+        return close_to_torque(hand.hand, hand.sensors, self.object.faces, pose, start, angles)
 
     def row(self, kept: Sequence[Attempt]) -> Row:
         """Make the part of an object's row that describes these grasps."""

@@ -1,0 +1,104 @@
+"""Where closing fingers stop on elastic gels: where the force of a gel takes all the torque of a motor."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from pipeline.kernels.arrays import Array
+from pipeline.kernels.geometry.transforms import transform_points
+from pipeline.kernels.hand.grasp import Contact
+from pipeline.kernels.hand.kinematics import sensor_poses
+from pipeline.kernels.hand.model import Finger, Hand
+from pipeline.kernels.touch.depth_maps import gel_surface, gel_under, impression, normal_force
+from pipeline.kernels.touch.ray_depth import BoxedFaces, ray_depth
+from pipeline.kernels.touch.sensor import Sensor, pixel_centres, resample_longer_side
+
+PIXELS = 64  # along the longer side of a gel whose force is computed: within 2 % of the force on all pixels
+STIFFENING = 4  # a layer is stiffer by 1 / (1 - strain^4): 0.2 % at a fifth of its thickness, a quarter at two thirds
+FULL = 0.999  # largest strain of which a force is computed; deeper ones count as this one
+NEARLY = 0.95  # share of a motor's torque from which a finger has closed
+STEPS = 256  # of a finger's way from its pre-grasp to the object: 30 µm where it is drawn back by 6 mm
+DIFFERENCE_STEP = 1e-5  # rad, of finite differences
+NUDGE = 1e-5  # m, of the derivative of a force
+
+
+@lru_cache(maxsize=8)
+def with_fewer_pixels(sensor: Sensor) -> Sensor:
+    """Reduce a sensor's pixels to those that the force of its gel needs; none is larger than the layer is thick."""
+    pixels = int(np.ceil(max(sensor.width, sensor.height) / sensor.layer_thickness))
+    return resample_longer_side(sensor, min(max(sensor.shape), max(PIXELS, pixels)))
+
+
+def gel_load(pressed: Array, sensor: Sensor) -> tuple[float, Array]:  # N, (3,) sensor frame, m
+    """Compute the normal force of an elastic gel under an impression (rows, cols), m, and its centre, on the sensor plane.
+
+    It is the linear layer's, stiffened by the largest strain, impression over thickness (`STIFFENING`): a layer cannot be pressed thinner
+    than nothing. Up to a fifth of the thickness, a neo-Hookean layer of finite elements is as linear, to 1 %.
+    """
+    pressure = gel_under(pressed, sensor).pressure
+    if pressure is None or not pressure.any():
+        return 0.0, np.zeros(3)
+    strain = min(float((pressed / np.minimum(sensor.layer_thickness, gel_surface(sensor))).max()), FULL)
+    x, y = pixel_centres(sensor)
+    centre = np.array([(pressure.sum(axis=0) * x).sum(), (pressure.sum(axis=1) * y).sum(), 0.0]) / pressure.sum()
+    return normal_force(pressure, sensor) / (1 - strain**STIFFENING), centre
+
+
+def with_force(contact: Contact, faces: BoxedFaces, pose: Array, sensor: Sensor) -> Contact:
+    """Add to a contact of a sensor at a pose (4, 4) the force of its elastic gel, and by how much it grows with further depth."""
+    sensor = with_fewer_pixels(sensor)
+    pressed = impression(ray_depth(faces, pose, sensor), sensor)
+    force, further = (gel_load(np.where(pressed > 0, pressed + more, 0.0), sensor)[0] for more in (0.0, NUDGE))
+    return replace(contact, force=force, stiffness=(further - force) / NUDGE)
+
+
+def close_to_torque(
+    hand: Hand,
+    sensors: Sequence[Sensor],  # of its mounts, with elastic gels
+    faces: BoxedFaces,  # of the object
+    hand_pose: Array,  # (4, 4) root link to world, m
+    start: Array,  # (J,) from which the fingers close, rad (m)
+    end: Array,  # (J,) at which they rest where gels do not push back
+) -> Array:  # (J,)
+    """Stop each finger, on its way from one posture to another, where its gels take all the torque of one of its motors.
+
+    Torques are those that balance the gels' normal forces, the Jacobian transposed times the force. A finger that needs less closes to the
+    end; one that is overloaded at the start stays there.
+    """
+    postures = start + np.linspace(0, 1, STEPS + 1)[:, None] * (end - start)
+    poses = sensor_poses(hand, hand_pose, postures)  # (STEPS + 1, S, 4, 4)
+    nudged = sensor_poses(hand, hand_pose, end + DIFFERENCE_STEP * np.eye(len(end)))  # (J, S, 4, 4)
+    closed = end.copy()
+    for finger in hand.fingers:
+        joints = list(finger.joints)
+
+        def share_of_torque(step: int, finger: Finger = finger, joints: list[int] = joints) -> float:
+            torque = np.zeros(len(joints))
+            for s in finger.sensors:
+                sensor, pose = with_fewer_pixels(sensors[s]), poses[step, s]
+                force, centre = gel_load(impression(ray_depth(faces, pose, sensor), sensor), sensor)
+                moved = transform_points(nudged[joints, s], centre[None])[:, 0] - transform_points(poses[-1, s], centre[None])
+                torque += force * (moved @ poses[-1, s, :3, 2]) / DIFFERENCE_STEP
+            return float(np.abs(torque).max(initial=0.0)) / hand.torque
+
+        closed[joints] = postures[_last_within(share_of_torque), joints]
+    return closed
+
+
+def _last_within(load: Callable[[int], float]) -> int:
+    """Find the last of `STEPS` steps whose load, which grows from 0, is at most 1; one that is above `NEARLY` counts as it."""
+    low, high, least, most = 0, STEPS, 0.0, load(STEPS)
+    if most <= 1:
+        return STEPS
+    halve = False
+    while high - low > 1 and least < NEARLY:
+        share = 0.5 if halve else (1 - least**0.5) / (most**0.5 - least**0.5)  # loads grow about as the square of the depth
+        step = min(max(low + int(share * (high - low)), low + 1), high - 1)
+        halve, measured = not halve, load(step)
+        if measured <= 1:
+            low, least = step, measured
+        else:
+            high, most = step, measured
+    return low
