@@ -74,7 +74,7 @@ class Track:
 
 @dataclass(frozen=True)
 class GelSpring:
-    """The spring of a gel's plate in a contact; its force grows with a power of the way that the plate is pressed in."""
+    """The spring of a gel's plate in a contact: its force grows with a power of the way that the plate is pressed in, then evenly."""
 
     height: float = 0.0  # m, of the plate above the sensor plane where it meets the object
     stiffness: float = 0.0  # N/m there
@@ -86,8 +86,10 @@ class GelSpring:
 
     def force(self, way: float) -> float:
         """Compute the force, N, of a plate that is pressed in by `way`, m, or not."""
-        pressed = max(way, 0.0)
-        return self.stiffness / self.exponent * pressed * float((pressed / self.way) ** (self.exponent - 1))
+        if self.exponent == 1:
+            return self.stiffness * max(way, 0.0)
+        share = min(max(way / self.way, 0.0), 1.0)
+        return self.stiffness * (self.way / self.exponent * float(share**self.exponent) + max(way - self.way, 0.0))
 
 
 def gel_spring(
@@ -202,11 +204,11 @@ class HoldTest(HandPhysics):
         self._accelerate((0.0, 0.0, 0.0))
         for posture in path:
             self._drive(posture)
-            self._step(path_seconds)
+            self.advance(path_seconds)
         self._accelerate(acceleration)
         self._drive(grasp.squeeze_angles)
         for _ in range(round(seconds / self.sample_interval)):
-            self._step(self.sample_interval)
+            self.advance(self.sample_interval)
             if track.ends(self._object_pose()):
                 break
         return track.motion(penetration)
@@ -233,7 +235,7 @@ class HoldTest(HandPhysics):
     def _drive(self, posture: Array) -> None:
         self._body.drive(posture)
 
-    def _step(self, seconds: float) -> None:
+    def advance(self, seconds: float) -> None:
         """Advance the simulation, with the gels' springs."""
         body, gels, tops = self._body.body, self._gels, [gel_top(sensor) for sensor in self.sensors]
         states, control, step = self.client.getJointStates, self.client.setJointMotorControlArray, self.client.stepSimulation

@@ -17,7 +17,7 @@ from pipeline.kernels.touch.sensor import Sensor, pixel_centres, resample_longer
 
 PIXELS = 64  # along the longer side of a gel whose force is computed: within 2 % of the force on all pixels
 STIFFENING = 4  # a layer is stiffer by 1 / (1 - strain^4): 0.2 % at a fifth of its thickness, a quarter at two thirds
-FULL = 0.999  # largest strain of which a force is computed; deeper ones count as this one
+FULL = 0.9  # strain beyond which no finger closes, and a gel's force is that of its linear layer times a constant
 NEARLY = 0.95  # share of a motor's torque from which a finger has closed
 STEPS = 256  # of a finger's way from its pre-grasp to the object: 30 µm where it is drawn back by 6 mm
 DIFFERENCE_STEP = 1e-5  # rad, of finite differences
@@ -31,16 +31,21 @@ def with_fewer_pixels(sensor: Sensor) -> Sensor:
     return resample_longer_side(sensor, min(max(sensor.shape), max(PIXELS, pixels)))
 
 
+def gel_strain(pressed: Array, sensor: Sensor) -> float:
+    """Compute the largest strain under an impression (rows, cols), m, over the thickness of the layer, or of what is above the plate."""
+    return float((pressed / np.minimum(sensor.layer_thickness, gel_surface(sensor))).max())
+
+
 def gel_load(pressed: Array, sensor: Sensor) -> tuple[float, Array]:  # N, (3,) sensor frame, m
     """Compute the normal force of an elastic gel under an impression (rows, cols), m, and its centre, on the sensor plane.
 
-    It is the linear layer's, stiffened by the largest strain, impression over thickness (`STIFFENING`): a layer cannot be pressed thinner
-    than nothing. Up to a fifth of the thickness, a neo-Hookean layer of finite elements is as linear, to 1 %.
+    It is the linear layer's, stiffened by the largest strain (`STIFFENING`): a layer cannot be pressed thinner than nothing. Up to a strain
+    of a fifth, a neo-Hookean layer of finite elements is as linear, to 1 %.
     """
     pressure = gel_under(pressed, sensor).pressure
     if pressure is None or not pressure.any():
         return 0.0, np.zeros(3)
-    strain = min(float((pressed / np.minimum(sensor.layer_thickness, gel_surface(sensor))).max()), FULL)
+    strain = min(gel_strain(pressed, sensor), FULL)
     x, y = pixel_centres(sensor)
     centre = np.array([(pressure.sum(axis=0) * x).sum(), (pressure.sum(axis=1) * y).sum(), 0.0]) / pressure.sum()
     return normal_force(pressure, sensor) / (1 - strain**STIFFENING), centre
@@ -78,7 +83,10 @@ def close_to_torque(
             torque = np.zeros(len(joints))
             for s in finger.sensors:
                 sensor, pose = with_fewer_pixels(sensors[s]), poses[step, s]
-                force, centre = gel_load(impression(ray_depth(faces, pose, sensor), sensor), sensor)
+                pressed = impression(ray_depth(faces, pose, sensor), sensor)
+                if gel_strain(pressed, sensor) > FULL:
+                    return np.inf
+                force, centre = gel_load(pressed, sensor)
                 moved = transform_points(nudged[joints, s], centre[None])[:, 0] - transform_points(poses[-1, s], centre[None])
                 torque += force * (moved @ poses[-1, s, :3, 2]) / DIFFERENCE_STEP
             return float(np.abs(torque).max(initial=0.0)) / hand.torque
@@ -94,7 +102,8 @@ def _last_within(load: Callable[[int], float]) -> int:
         return STEPS
     halve = False
     while high - low > 1 and least < NEARLY:
-        share = 0.5 if halve else (1 - least**0.5) / (most**0.5 - least**0.5)  # loads grow about as the square of the depth
+        # loads grow about as the square of the depth
+        share = 0.5 if halve or np.isinf(most) else (1 - least**0.5) / (most**0.5 - least**0.5)
         step = min(max(low + int(share * (high - low)), low + 1), high - 1)
         halve, measured = not halve, load(step)
         if measured <= 1:
