@@ -56,10 +56,7 @@ def measure(data: Path) -> tuple[list[GelTouch], list[bool], list[float]]:
             held += grasps.view(name)["held"].tolist()
             for grasp in read_grasps(grasps.view(name)):
                 touches += gel_touches(grasp, hand, sensors, faces)
-                if held[len(errors)]:
-                    errors.append(weight_error(test, grasp, sensors, faces))
-                else:
-                    errors.append(np.nan)
+                errors.append(weight_error(test, grasp, sensors, faces) if held[len(errors)] else np.nan)
     return touches, held, errors
 
 
@@ -97,9 +94,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("data", type=Path, nargs="+")
     arguments = parser.parse_args()
-    lines = ("touches", "indentation, mm", "force, N", "torque over the motor's", "over the motor's torque, %", "beyond the layer, %")
-    lines += ("beyond the calibration, %", "grasps that hold, %", "off the weight at rest, %")
-    table = Table("Grasps with elastic gels", lines, ["median / 99 % / most"])
+    columns = ["touches", "indentation, mm", "force, N", "torque over the motor's", "over the motor's torque, %", "beyond the layer, %"]
+    columns += ["beyond the calibration, %", "grasps that hold, %", "off the weight at rest, %"]
+    table = Table("Grasps with elastic gels", columns, ["median / 99 % / most"])
     for data in arguments.data:
         touches, held, errors = measure(data)
         column = {name: np.array([getattr(touch, name) for touch in touches]) for name in GelTouch.__dataclass_fields__}

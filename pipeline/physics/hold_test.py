@@ -74,22 +74,22 @@ class Track:
 
 @dataclass(frozen=True)
 class GelSpring:
-    """The spring of a gel's plate in a contact: its force grows with a power of the way that the plate is pressed in, then evenly."""
+    """The spring of a gel's plate in a contact: its force grows with a power of its travel, then evenly."""
 
     height: float = 0.0  # m, of the plate above the sensor plane where it meets the object
     stiffness: float = 0.0  # N/m there
     damping: float = 0.0  # N s/m
     torsion: float = 0.0  # m, moment about the normal that friction resists per newton of normal force
-    way: float = 1.0  # m that the plate is pressed in there
+    travel: float = 1.0  # m that the plate is pressed in there
     exponent: float = 1.0
     mass: float = GEL_MASS  # kg of the plate
 
-    def force(self, way: float) -> float:
-        """Compute the force, N, of a plate that is pressed in by `way`, m, or not."""
+    def force(self, travel: float) -> float:
+        """Compute the force, N, of a plate that is pressed in by `travel`, m, or not."""
         if self.exponent == 1:
-            return self.stiffness * max(way, 0.0)
-        share = min(max(way / self.way, 0.0), 1.0)
-        return self.stiffness * (self.way / self.exponent * float(share**self.exponent) + max(way - self.way, 0.0))
+            return self.stiffness * max(travel, 0.0)
+        share = min(max(travel / self.travel, 0.0), 1.0)
+        return self.stiffness * (self.travel / self.exponent * float(share**self.exponent) + max(travel - self.travel, 0.0))
 
 
 def gel_spring(
@@ -113,11 +113,11 @@ def gel_spring(
     modulus = GEL_MODULUS if sensor.gel is None else sensor.gel.modulus
     stiffness = modulus / sensor.layer_thickness * contact.volume / max(top - height, OVERLAP)
     torsion = 2 / 3 * friction * float(np.sqrt(contact.area / np.pi))
-    way, exponent, mass = max(top - height, OVERLAP), 1.0, GEL_MASS
+    travel, exponent, mass = max(top - height, OVERLAP), 1.0, GEL_MASS
     if contact.force > 0:
-        stiffness = contact.stiffness
-        exponent, mass = stiffness * way / contact.force, max(GEL_MASS, stiffness * STEADY / STEPS_PER_SECOND**2)
-    return GelSpring(height, stiffness, 2 * DAMPING * float(np.sqrt(stiffness * mass)), torsion, way, exponent, mass)
+        stiffness, travel = contact.stiffness, travel + OVERLAP  # engines push the plate out of the object
+        exponent, mass = stiffness * travel / contact.force, max(GEL_MASS, stiffness * STEADY / STEPS_PER_SECOND**2)
+    return GelSpring(height, stiffness, 2 * DAMPING * float(np.sqrt(stiffness * mass)), torsion, travel, exponent, mass)
 
 
 class HoldTest(HandPhysics):

@@ -19,7 +19,7 @@ PIXELS = 64  # along the longer side of a gel whose force is computed: within 2 
 STIFFENING = 4  # a layer is stiffer by 1 / (1 - strain^4): 0.2 % at a fifth of its thickness, a quarter at two thirds
 FULL = 0.9  # strain beyond which no finger closes, and a gel's force is that of its linear layer times a constant
 NEARLY = 0.95  # share of a motor's torque from which a finger has closed
-STEPS = 256  # of a finger's way from its pre-grasp to the object: 30 µm where it is drawn back by 6 mm
+FINEST = 1e-4  # share of a finger's way to which its end is searched: a micrometre where it is drawn back by 6 mm
 DIFFERENCE_STEP = 1e-5  # rad, of finite differences
 NUDGE = 1e-5  # m, of the derivative of a force
 
@@ -72,42 +72,41 @@ def close_to_torque(
     Torques are those that balance the gels' normal forces, the Jacobian transposed times the force. A finger that needs less closes to the
     end; one that is overloaded at the start stays there.
     """
-    postures = start + np.linspace(0, 1, STEPS + 1)[:, None] * (end - start)
-    poses = sensor_poses(hand, hand_pose, postures)  # (STEPS + 1, S, 4, 4)
+    at_end = sensor_poses(hand, hand_pose, end)  # (S, 4, 4)
     nudged = sensor_poses(hand, hand_pose, end + DIFFERENCE_STEP * np.eye(len(end)))  # (J, S, 4, 4)
     closed = end.copy()
     for finger in hand.fingers:
         joints = list(finger.joints)
 
-        def share_of_torque(step: int, finger: Finger = finger, joints: list[int] = joints) -> float:
-            torque = np.zeros(len(joints))
+        def share_of_torque(share: float, finger: Finger = finger, joints: list[int] = joints) -> float:
+            torque, poses = np.zeros(len(joints)), sensor_poses(hand, hand_pose, start + share * (end - start))
             for s in finger.sensors:
-                sensor, pose = with_fewer_pixels(sensors[s]), poses[step, s]
+                sensor, pose = with_fewer_pixels(sensors[s]), poses[s]
                 pressed = impression(ray_depth(faces, pose, sensor), sensor)
                 if gel_strain(pressed, sensor) > FULL:
                     return np.inf
                 force, centre = gel_load(pressed, sensor)
-                moved = transform_points(nudged[joints, s], centre[None])[:, 0] - transform_points(poses[-1, s], centre[None])
-                torque += force * (moved @ poses[-1, s, :3, 2]) / DIFFERENCE_STEP
+                moved = transform_points(nudged[joints, s], centre[None])[:, 0] - transform_points(at_end[s], centre[None])
+                torque += force * (moved @ at_end[s, :3, 2]) / DIFFERENCE_STEP
             return float(np.abs(torque).max(initial=0.0)) / hand.torque
 
-        closed[joints] = postures[_last_within(share_of_torque), joints]
+        closed[joints] = (start + _last_within(share_of_torque) * (end - start))[joints]
     return closed
 
 
-def _last_within(load: Callable[[int], float]) -> int:
-    """Find the last of `STEPS` steps whose load, which grows from 0, is at most 1; one that is above `NEARLY` counts as it."""
-    low, high, least, most = 0, STEPS, 0.0, load(STEPS)
+def _last_within(load: Callable[[float], float]) -> float:
+    """Find the last share of a way whose load, which grows from 0, is at most 1; one that is above `NEARLY` counts as it."""
+    low, high, least, most = 0.0, 1.0, 0.0, load(1.0)
     if most <= 1:
-        return STEPS
+        return 1.0
     halve = False
-    while high - low > 1 and least < NEARLY:
+    while high - low > FINEST and least < NEARLY:
         # loads grow about as the square of the depth
-        share = 0.5 if halve or np.isinf(most) else (1 - least**0.5) / (most**0.5 - least**0.5)
-        step = min(max(low + int(share * (high - low)), low + 1), high - 1)
-        halve, measured = not halve, load(step)
+        part = 0.5 if halve or np.isinf(most) else (1 - least**0.5) / (most**0.5 - least**0.5)
+        halve, share = not halve, low + part * (high - low)
+        measured = load(share)
         if measured <= 1:
-            low, least = step, measured
+            low, least = share, measured
         else:
-            high, most = step, measured
+            high, most = share, measured
     return low
