@@ -14,7 +14,6 @@ from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table, quantiles
 from pipeline.dataset.grasps import grasping_hand, grasping_sensors, read_grasps
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.kernels.hand.gel_balance import with_force
 from pipeline.kernels.hand.grasp import Grasp, contact_from_depth
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Hand
@@ -77,9 +76,8 @@ def gel_touches(grasp: Grasp, hand: Hand, sensors: Sequence[Sensor], faces: Boxe
 def weight_error(test: HoldTest, grasp: Grasp, sensors: Sequence[Sensor], faces: BoxedFaces) -> float:
     """Lift the object of a grasp, and compare the force on it at rest with its weight."""
     contacts = []
-    for pose, sensor in zip(grasp.sensor_pose, sensors, strict=True):
-        contact = contact_from_depth(ray_depth(faces, pose, sensor), pose, sensor)
-        contacts.append(contact and with_force(contact, faces, pose, sensor))
+    for pose, sensor, touches in zip(grasp.sensor_pose, sensors, grasp.touched, strict=True):
+        contacts.append(contact_from_depth(ray_depth(faces, pose, sensor), pose, sensor) if touches else None)
     test.hold(replace(grasp, contacts=contacts), seconds=AT_REST[0])
     forces = []
     for _ in range(round(AT_REST[1] / test.sample_interval)):

@@ -1,6 +1,6 @@
 """The hold test: an object is freed in a grasp, its motion recorded, and judged as held or not."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +9,11 @@ from numpy.typing import ArrayLike
 from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import length
+from pipeline.kernels.hand.gel_balance import with_force
 from pipeline.kernels.hand.grasp import Contact, Grasp
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.depth_maps import gel_top
+from pipeline.kernels.touch.ray_depth import BoxedFaces, box_faces
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.hand_urdf import GEL_MASS, gel_name
 from pipeline.physics.simulation import COLLISION_MARGIN, GRAVITY, HandBody, HandPhysics, pybullet
@@ -140,6 +142,7 @@ class HoldTest(HandPhysics):
     ) -> None:
         self.mass, self.torsion = mass, torsion
         self._start: tuple[list[float], list[float]]
+        self._faces: BoxedFaces
         self._springs: list[GelSpring]
         self._weight: list[float] | None = None  # N, of an object that gravity acts on alone
         super().__init__(hand, sensors)
@@ -152,6 +155,7 @@ class HoldTest(HandPhysics):
         """Replace everything by the hand and an object."""
         client = self.client
         client.resetSimulation()
+        self._faces = box_faces(mesh.triangles)
         base_shape, *link_shapes = client.create_shapes(mesh)
         centre = points.mean(axis=0)
         squares = ((points - centre) ** 2).mean(axis=0)
@@ -217,11 +221,18 @@ class HoldTest(HandPhysics):
         """Set hand, gels and object to the start of a test; return the penetration of the hand into the object, m."""
         client, hand, start = self.client, self._body, grasp.pregrasp_angles if closes else grasp.joint_angles
         hand.set_pose(grasp.hand_pose, start, start)
-        self._springs = [self._press(number, contact, out=closes) for number, contact in enumerate(grasp.contacts)]
+        self._springs = [self._press(number, contact, out=closes) for number, contact in enumerate(self._with_forces(grasp))]
         client.resetBasePositionAndOrientation(self._object, *self._start)
         client.resetBaseVelocity(self._object, [0.0] * 3, [0.0] * 3)
         client.performCollisionDetection()
         return max(-min((point[8] for point in client.getContactPoints(self._object, hand.body)), default=0.0), 0.0)
+
+    def _with_forces(self, grasp: Grasp) -> Iterator[Contact | None]:
+        """Add their forces to the contacts of elastic gels."""
+        for number, (contact, sensor) in enumerate(zip(grasp.contacts, self.sensors, strict=True)):
+            if contact is not None and sensor.gel is not None:
+                contact = with_force(contact, self._faces, grasp.sensor_pose[number], sensor)
+            yield contact
 
     def _accelerate(self, acceleration: Sequence[float]) -> None:
         """Set the acceleration (3,), m/s²; where plates are heavier than gels, of the object alone."""

@@ -9,7 +9,7 @@ from pipeline.dataset.grasps import grasp_row
 from pipeline.kernels.arrays import Array, Array32
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.distance_field import penetration_depth
-from pipeline.kernels.hand.gel_balance import close_to_torque, with_force
+from pipeline.kernels.hand.gel_balance import close_to_torque
 from pipeline.kernels.hand.grasp import Grasp, closure_margin, contact_from_depth
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
@@ -52,10 +52,7 @@ class MeasuredGrasps:
         contacts = []
         for sensor_pose, sensor in zip(poses, hand.sensors, strict=True):
             depth = ray_depth(self.object.faces, sensor_pose, sensor)
-            contact = contact_from_depth(depth, sensor_pose, sensor) if touch_success(depth, sensor) else None
-            if contact is not None and sensor.gel is not None and self.test is not None:
-                contact = with_force(contact, self.object.faces, sensor_pose, sensor)
-            contacts.append(contact)
+            contacts.append(contact_from_depth(depth, sensor_pose, sensor) if touch_success(depth, sensor) else None)
         if squeeze is None:
             squeeze = pregrasp_angles(hand.hand, angles, [-self.limits.squeeze])[0]
         penetration, fault = penetration_depth(self.object.field, hand.spheres, frames), None
