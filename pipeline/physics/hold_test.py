@@ -24,6 +24,7 @@ HOLD_TESTS = {"lift": (DOWN,), "six": tuple(tuple((sign * axis).tolist()) for ax
 STEPS_PER_SECOND = 240
 LOCK_FORCE = 1000.0  # N that hold the plate of a gel without contact where it is drawn in
 GEL_MODULUS = 1e5  # Pa, Young's modulus of a gel whose file gives none: 7 mm of it, pressed in by 2 mm over 60 mm², press back with 2 N
+MAX_STIFFNESS = 4e4  # N/m of an elastic gel's plate: steps of 1/240 s follow no stiffer one on a finger whose motor gives way
 STEADY = 2.0  # mass of a plate over stiffness times the square of a step: an explicit step diverges below a quarter
 DAMPING = 0.25  # damping of a gel's spring, as a share of the critical damping
 OVERLAP = 1e-4  # m by which a plate starts in the object: engines find no contact of flat faces that only meet; a spring then overshoots
@@ -117,8 +118,9 @@ def gel_spring(
     torsion = 2 / 3 * friction * float(np.sqrt(contact.area / np.pi))
     travel, exponent, mass = max(top - height, OVERLAP), 1.0, GEL_MASS
     if contact.force > 0:
-        stiffness, travel = contact.stiffness, travel + OVERLAP  # engines push the plate out of the object
-        exponent, mass = stiffness * travel / contact.force, max(GEL_MASS, stiffness * STEADY / STEPS_PER_SECOND**2)
+        stiffness, travel = min(contact.stiffness, MAX_STIFFNESS), travel + OVERLAP  # engines push the plate out of the object
+        exponent = max(stiffness * travel / contact.force, 1.0)  # at 1, gels that press more are softer than theirs
+        mass = max(GEL_MASS, stiffness * STEADY / STEPS_PER_SECOND**2)
     return GelSpring(height, stiffness, 2 * DAMPING * float(np.sqrt(stiffness * mass)), torsion, travel, exponent, mass)
 
 
@@ -144,7 +146,7 @@ class HoldTest(HandPhysics):
         self._start: tuple[list[float], list[float]]
         self._faces: BoxedFaces
         self._springs: list[GelSpring]
-        self._weight: list[float] | None = None  # N, of an object that gravity acts on alone
+        self._weight: list[float]  # N
         super().__init__(hand, sensors)
 
     def load(
@@ -235,13 +237,9 @@ class HoldTest(HandPhysics):
             yield contact
 
     def _accelerate(self, acceleration: Sequence[float]) -> None:
-        """Set the acceleration (3,), m/s²; where plates are heavier than gels, of the object alone."""
-        if any(spring.mass > GEL_MASS for spring in self._springs):
-            self._weight = [self.mass * component for component in acceleration]
-            acceleration = (0.0, 0.0, 0.0)
-        else:
-            self._weight = None
-        self.client.setGravity(*acceleration)
+        """Set the acceleration (3,), m/s², where gels are elastic of the object alone: plates and links are too heavy then."""
+        self._weight = [self.mass * component for component in acceleration]
+        self.client.setGravity(*((0.0, 0.0, 0.0) if self.elastic else acceleration))
 
     def _drive(self, posture: Array) -> None:
         self._body.drive(posture)
@@ -256,7 +254,7 @@ class HoldTest(HandPhysics):
                 for spring, top, (height, speed, *_) in zip(self._springs, tops, states(body, gels), strict=True)
             ]
             control(body, gels, pybullet.TORQUE_CONTROL, forces=forces)
-            if self._weight is not None:
+            if self.elastic:
                 centre = self.client.getBasePositionAndOrientation(self._object)[0]
                 self.client.applyExternalForce(self._object, -1, self._weight, centre, pybullet.WORLD_FRAME)
             step()
@@ -280,7 +278,7 @@ class HoldTest(HandPhysics):
         spring = gel_spring(sensor, contact, friction=self.hand.friction, margin=COLLISION_MARGIN)
         twist = spring.torsion if self.torsion is None else self.torsion
         self.client.resetJointState(self._body.body, gel, gel_top(sensor) if out and contact else spring.height)
-        if sensor.gel is not None:
+        if self.elastic:
             self.client.changeDynamics(self._body.body, gel, mass=spring.mass)
         lock = 0.0 if contact else LOCK_FORCE
         self.client.setJointMotorControl2(self._body.body, gel, pybullet.POSITION_CONTROL, targetPosition=0.0, force=lock)

@@ -43,7 +43,6 @@ GEAR_ERP, CHAIN_ERP = 0.5, 5.0
 """Correction of a gear's error, of which Bullet takes a fifth per step: between two branches; and in one chain, all of it at once.
 
 At a tenth per step, a joint that follows one further up its own finger sags under its links' weight by more than `GEAR_SLACK`."""
-ROTOR = 1e-3  # kg m², of a motor's rotor, reflected to its joint: without it, a fingertip is too light for the spring of an elastic gel
 HULL_MARGIN = 0.001  # m by which Bullet thickens the convex shapes of a URDF
 GEAR_SLACK = 0.01  # rad by which a following joint may be off when the fingers rest: 0.5 mm at the end of 50 mm
 TREMOR, TREMOR_STEPS = 0.005, 48
@@ -188,14 +187,14 @@ class HandPhysics:
 
     def __init__(self, hand: Hand, sensors: Sequence[Sensor] = ()) -> None:
         self.hand, self.sensors = hand, sensors
+        self.elastic = any(sensor.gel is not None for sensor in sensors)
         self._opened = ExitStack()
         self._open()
 
     def _open(self) -> None:
         self.client = PhysicsClient()
         self._opened.callback(lambda: self.client.disconnect())  # reading the attribute here would make the client forget its number
-        rotors = ROTOR if any(sensor.gel for sensor in self.sensors) else 0.0
-        self._urdf = write_hand_urdf(self.hand, self._opened.enter_context(temporary_folder()), self.sensors, rotors=rotors)
+        self._urdf = write_hand_urdf(self.hand, self._opened.enter_context(temporary_folder()), self.sensors, rotors=self.elastic)
         self._body: HandBody
 
     def __enter__(self) -> Self:

@@ -147,7 +147,7 @@ def test_mesh_of_several_shapes_is_one_body() -> None:
     assert not lifted(fine, mass=0.5 * HOLDS, sideways=0.03)
 
 
-@pytest.mark.parametrize("modulus", [5e4, 2e5, 5e5])
+@pytest.mark.parametrize("modulus", [5e4, 2e5])
 def test_elastic_gels_press_with_their_force_and_carry_the_weight_of_an_object_at_rest(modulus: float) -> None:
     sensor = load_sensor("gelsight_mini").model_copy(update={"gel": Gel(modulus=modulus, poisson=0.3, thickness=0.002)})
     mesh, mass, angles = post(), 0.2, np.array([WIDTH / 2 + sensor.w - 0.0004])
