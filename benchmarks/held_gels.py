@@ -27,6 +27,7 @@ from schemas.surfaces import SURFACES
 
 MASS = 0.2  # kg, as `simulate-grasps.hold_mass`
 STEP = 1e-5  # rad, of finite differences
+SLOW = 0.005  # m/s, of an object at rest
 AT_REST = 2.0, 0.25  # s until the forces are read, and over which they are averaged
 
 
@@ -74,11 +75,12 @@ def gel_touches(grasp: Grasp, hand: Hand, sensors: Sequence[Sensor], faces: Boxe
 
 
 def weight_error(test: HoldTest, grasp: Grasp, sensors: Sequence[Sensor], faces: BoxedFaces) -> float:
-    """Lift the object of a grasp, and compare the force on it at rest with its weight."""
+    """Lift the object of a grasp, and compare the force on it at rest with its weight; NaN if it creeps."""
     contacts = []
     for pose, sensor, touches in zip(grasp.sensor_pose, sensors, grasp.touched, strict=True):
         contacts.append(contact_from_depth(ray_depth(faces, pose, sensor), pose, sensor) if touches else None)
-    test.hold(replace(grasp, contacts=contacts), seconds=AT_REST[0])
+    if test.hold(replace(grasp, contacts=contacts), seconds=AT_REST[0]).speed > SLOW:
+        return np.nan
     forces = []
     for _ in range(round(AT_REST[1] / test.sample_interval)):
         test.advance(test.sample_interval)
@@ -104,7 +106,7 @@ def main() -> None:
             len(touches),
             *(quantiles(values) for values in (1e3 * column["indentation"], column["force"], column["torque"])),
             *(f"{100 * share.mean():.0f}" for share in shares),
-            quantiles(100 * np.array(errors)[held]),
+            quantiles(100 * np.array(errors)[np.isfinite(errors)]),
         )
     print(table.markdown(f"Commit {commit()}, {machine()}."))
 
