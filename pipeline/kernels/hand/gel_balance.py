@@ -13,7 +13,7 @@ from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Finger, Hand
 from pipeline.kernels.touch.depth_maps import gel_surface, gel_under, impression, normal_force
 from pipeline.kernels.touch.ray_depth import BoxedFaces, ray_depth
-from pipeline.kernels.touch.sensor import Sensor, pixel_centres, resample_longer_side
+from pipeline.kernels.touch.sensor import Sensor, pixel_centres, with_fewer_pixels
 
 PIXELS = 64  # along the longer side of a gel whose force is computed: within 2 % of the force on all pixels
 STIFFENING = 4  # a layer is stiffer by 1 / (1 - strain^4): 0.2 % at a fifth of its thickness, a quarter at two thirds
@@ -25,10 +25,9 @@ NUDGE = 1e-5  # m, of the derivative of a force
 
 
 @lru_cache(maxsize=8)
-def with_fewer_pixels(sensor: Sensor) -> Sensor:
+def coarse(sensor: Sensor) -> Sensor:
     """Reduce a sensor's pixels to those that the force of its gel needs; none is larger than the layer is thick."""
-    pixels = int(np.ceil(max(sensor.width, sensor.height) / sensor.layer_thickness))
-    return resample_longer_side(sensor, min(max(sensor.shape), max(PIXELS, pixels)))
+    return with_fewer_pixels(sensor, max(PIXELS, int(np.ceil(max(sensor.width, sensor.height) / sensor.layer_thickness))))
 
 
 def gel_strain(pressed: Array, sensor: Sensor) -> float:
@@ -53,7 +52,7 @@ def gel_load(pressed: Array, sensor: Sensor) -> tuple[float, Array]:  # N, (3,) 
 
 def with_force(contact: Contact, faces: BoxedFaces, pose: Array, sensor: Sensor) -> Contact:
     """Add to a contact of a sensor at a pose (4, 4) the force of its elastic gel, and by how much it grows with further depth."""
-    sensor = with_fewer_pixels(sensor)
+    sensor = coarse(sensor)
     pressed = impression(ray_depth(faces, pose, sensor), sensor)
     force, further = (gel_load(np.where(pressed > 0, pressed + more, 0.0), sensor)[0] for more in (0.0, NUDGE))
     return replace(contact, force=force, stiffness=(further - force) / NUDGE)
@@ -81,7 +80,7 @@ def close_to_torque(
         def share_of_torque(share: float, finger: Finger = finger, joints: list[int] = joints) -> float:
             torque, poses = np.zeros(len(joints)), sensor_poses(hand, hand_pose, start + share * (end - start))
             for s in finger.sensors:
-                sensor, pose = with_fewer_pixels(sensors[s]), poses[s]
+                sensor, pose = coarse(sensors[s]), poses[s]
                 pressed = impression(ray_depth(faces, pose, sensor), sensor)
                 if gel_strain(pressed, sensor) > FULL:
                     return np.inf

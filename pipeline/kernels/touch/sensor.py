@@ -308,3 +308,8 @@ def resample_longer_side(sensor: Sensor, pixels: int) -> Sensor:
     """Give a sensor square pixels, `pixels` of them along its longer side; otherwise as `resample`."""
     pitch = max(sensor.width, sensor.height) / pixels
     return resample(sensor, *(max(2, round(side / pitch)) for side in (sensor.height, sensor.width)))
+
+
+def with_fewer_pixels(sensor: Sensor, pixels: int) -> Sensor:
+    """Reduce a sensor's pixels to at most `pixels` along its longer side, square ones; one that has no more stays as it is."""
+    return sensor if max(sensor.shape) <= pixels else resample_longer_side(sensor, pixels)

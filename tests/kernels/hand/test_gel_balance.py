@@ -8,7 +8,7 @@ import trimesh
 
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.hand.gel_balance import FULL, NEARLY, close_to_torque, gel_load, gel_strain, with_fewer_pixels, with_force
+from pipeline.kernels.hand.gel_balance import FULL, NEARLY, close_to_torque, coarse, gel_load, gel_strain, with_force
 from pipeline.kernels.hand.grasp import Contact
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.touch.depth_maps import impression
@@ -86,5 +86,5 @@ def test_contact_gets_its_force_and_the_slope_of_it() -> None:
         forces.append(contact.force)
         slopes.append(contact.stiffness)
     assert forces[1] - forces[0] == pytest.approx(1e-5 * np.mean(slopes), rel=0.1)
-    assert max(with_fewer_pixels(MINI).shape) < max(MINI.shape)
-    assert max(with_fewer_pixels(THIN).pitch) <= THICKNESS
+    assert max(coarse(MINI).shape) < max(MINI.shape)
+    assert max(coarse(THIN).pitch) <= THICKNESS
