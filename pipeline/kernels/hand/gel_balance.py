@@ -16,7 +16,6 @@ from pipeline.kernels.touch.ray_depth import BoxedFaces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres, with_fewer_pixels
 
 PIXELS = 64  # along the longer side of a gel whose force is computed: within 2 % of the force on all pixels
-STIFFENING = 4  # a layer is stiffer by 1 / (1 - strain^4): 0.2 % at a fifth of its thickness, a quarter at two thirds
 FULL = 0.9  # strain beyond which no finger closes, and a gel's force is that of its linear layer times a constant
 NEARLY = 0.95  # share of a motor's torque from which a finger has closed
 FINEST = 1e-4  # share of a finger's way to which its end is searched: a micrometre where it is drawn back by 6 mm
@@ -38,8 +37,8 @@ def gel_strain(pressed: Array, sensor: Sensor) -> float:
 def gel_load(pressed: Array, sensor: Sensor) -> tuple[float, Array]:  # N, (3,) sensor frame, m
     """Compute the normal force of an elastic gel under an impression (rows, cols), m, and its centre, on the sensor plane.
 
-    It is the linear layer's, stiffened by the largest strain (`STIFFENING`): a layer cannot be pressed thinner than nothing. Up to a strain
-    of a fifth, a neo-Hookean layer of finite elements is as linear, to 1 %.
+    It is the linear layer's over 1 - strain^4, of the largest strain: a layer cannot be pressed thinner than nothing. That is 0.2 % more at
+    a strain of a fifth, up to which neo-Hookean layers of finite elements are linear to 1 %, and a quarter more at two thirds.
     """
     pressure = gel_under(pressed, sensor).pressure
     if pressure is None or not pressure.any():
@@ -47,7 +46,7 @@ def gel_load(pressed: Array, sensor: Sensor) -> tuple[float, Array]:  # N, (3,) 
     strain = min(gel_strain(pressed, sensor), FULL)
     x, y = pixel_centres(sensor)
     centre = np.array([(pressure.sum(axis=0) * x).sum(), (pressure.sum(axis=1) * y).sum(), 0.0]) / pressure.sum()
-    return normal_force(pressure, sensor) / (1 - strain**STIFFENING), centre
+    return normal_force(pressure, sensor) / (1 - strain * strain * strain * strain), centre  # the same bits everywhere
 
 
 def with_force(contact: Contact, faces: BoxedFaces, pose: Array, sensor: Sensor) -> Contact:
@@ -86,7 +85,7 @@ def close_to_torque(
                     return np.inf
                 force, centre = gel_load(pressed, sensor)
                 moved = transform_points(nudged[joints, s], centre[None])[:, 0] - transform_points(at_end[s], centre[None])
-                torque += force * (moved @ at_end[s, :3, 2]) / DIFFERENCE_STEP
+                torque += force * (moved * at_end[s, :3, 2]).sum(axis=1) / DIFFERENCE_STEP
             return float(np.abs(torque).max(initial=0.0)) / hand.torque
 
         closed[joints] = (start + _last_within(share_of_torque) * (end - start))[joints]
@@ -101,7 +100,7 @@ def _last_within(load: Callable[[float], float]) -> float:
     halve = False
     while high - low > FINEST and least < NEARLY:
         # loads grow about as the square of the depth
-        part = 0.5 if halve or np.isinf(most) else (1 - least**0.5) / (most**0.5 - least**0.5)
+        part = 0.5 if halve or np.isinf(most) else float((1 - np.sqrt(least)) / (np.sqrt(most) - np.sqrt(least)))
         halve, share = not halve, low + part * (high - low)
         measured = load(share)
         if measured <= 1:
