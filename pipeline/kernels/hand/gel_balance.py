@@ -15,9 +15,10 @@ from pipeline.kernels.touch.depth_maps import gel_surface, gel_under, impression
 from pipeline.kernels.touch.ray_depth import BoxedFaces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres, with_fewer_pixels
 
-PIXELS = 64  # along the longer side of a gel whose force is computed: within 2 % of the force on all pixels
+PIXELS = 64  # along the longer side of a gel whose force is computed
+SURE = 0.98  # share of a motor's torque that is used: with all pixels, a force is up to 2 % larger
 FULL = 0.9  # strain beyond which no finger closes, and a gel's force is that of its linear layer times a constant
-NEARLY = 0.95  # share of a motor's torque from which a finger has closed
+NEARLY = 0.95  # share of that from which a finger has closed
 FINEST = 1e-4  # share of a finger's way to which its end is searched: a micrometre where it is drawn back by 6 mm
 DIFFERENCE_STEP = 1e-5  # rad, of finite differences
 NUDGE = 1e-5  # m, of the derivative of a force
@@ -64,32 +65,32 @@ def close_to_torque(
     hand_pose: Array,  # (4, 4) root link to world, m
     start: Array,  # (J,) from which the fingers close, rad (m)
     end: Array,  # (J,) at which they rest where gels do not push back
-) -> Array:  # (J,)
+) -> tuple[Array, bool]:  # (J,), and whether no motor is overloaded
     """Stop each finger, on its way from one posture to another, where its gels take all the torque of one of its motors.
 
     Torques are those that balance the gels' normal forces, the Jacobian transposed times the force. A finger that needs less closes to the
     end; one that is overloaded at the start stays there.
     """
-    at_end = sensor_poses(hand, hand_pose, end)  # (S, 4, 4)
-    nudged = sensor_poses(hand, hand_pose, end + DIFFERENCE_STEP * np.eye(len(end)))  # (J, S, 4, 4)
-    closed = end.copy()
+    nudges = DIFFERENCE_STEP * np.concatenate([np.zeros((1, len(end))), np.eye(len(end))])
+    closed, reached = end.copy(), list[float]()
     for finger in hand.fingers:
         joints = list(finger.joints)
 
         def share_of_torque(share: float, finger: Finger = finger, joints: list[int] = joints) -> float:
-            torque, poses = np.zeros(len(joints)), sensor_poses(hand, hand_pose, start + share * (end - start))
+            torque, poses = np.zeros(len(joints)), sensor_poses(hand, hand_pose, start + share * (end - start) + nudges)
             for s in finger.sensors:
-                sensor, pose = coarse(sensors[s]), poses[s]
+                sensor, (pose, *nudged) = coarse(sensors[s]), poses[[0, *(1 + joint for joint in joints)], s]
                 pressed = impression(ray_depth(faces, pose, sensor), sensor)
                 if gel_strain(pressed, sensor) > FULL:
                     return np.inf
                 force, centre = gel_load(pressed, sensor)
-                moved = transform_points(nudged[joints, s], centre[None])[:, 0] - transform_points(at_end[s], centre[None])
-                torque += force * (moved * at_end[s, :3, 2]).sum(axis=1) / DIFFERENCE_STEP
-            return float(np.abs(torque).max(initial=0.0)) / hand.torque
+                moved = transform_points(np.array(nudged), centre[None])[:, 0] - transform_points(pose, centre[None])
+                torque += force * (moved * pose[:3, 2]).sum(axis=1) / DIFFERENCE_STEP
+            return float(np.abs(torque).max(initial=0.0)) / (SURE * hand.torque)
 
-        closed[joints] = (start + _last_within(share_of_torque) * (end - start))[joints]
-    return closed
+        reached.append(_last_within(share_of_torque))
+        closed[joints] = (start + reached[-1] * (end - start))[joints]
+    return closed, min(reached) > 0
 
 
 def _last_within(load: Callable[[float], float]) -> float:
