@@ -106,10 +106,10 @@ class SimulateTouch(ObjectStage):
             return
         indentation = shard.read("indentation")[shard.read("ok")]
         touches = pluralise(int((indentation > 0).sum()), "touch")
-        ranges = ("elastic layer: forces there are too small", "calibration: colours there are those of its deepest contact")
+        ranges = ("elastic layer: their forces are too small", "calibration: their deepest colours are those of its deepest contact")
         for deeper, what in zip(beyond_ranges(indentation, sensors_of(shard)), ranges, strict=True):
             if deeper.any():
-                yield f"{deeper.sum()} of {touches}, up to {1e3 * indentation[deeper].max():.2f} mm deep, beyond the gel's {what}"
+                yield f"{deeper.sum()} of {touches} are up to {1e3 * indentation[deeper].max():.2f} mm deep, beyond the gel's {what}"
 
     def cost(self, settings: TouchSettings) -> Cost:
         return Cost(seconds=0.03 if settings.tracer == "ray" else 0.7, kilobytes=1600 if settings.store_points else 600)
