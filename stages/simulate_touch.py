@@ -15,7 +15,7 @@ from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Trade, Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files
-from pipeline.kernels.touch.sensor import Sensor, beyond_ranges
+from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.directory import DataDirectory
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
@@ -102,6 +102,8 @@ class SimulateTouch(ObjectStage):
 
     def describe_shard(self, settings: TouchSettings, shard: Shard) -> Iterator[str]:
         """Count the touches that are deeper than the gel's layer, or than what its colours were fitted to."""
+        from pipeline.kernels.touch.depth_maps import beyond_ranges
+
         if not shard.has("indentation"):
             return
         indentation = shard.read("indentation")[shard.read("ok")]

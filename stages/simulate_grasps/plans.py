@@ -17,7 +17,7 @@ from pipeline.kernels.hand.load_residual import NO_SUPPORT, Support, best_suppor
 from pipeline.kernels.hand.pinches import WIDTH_STEP, OpposedPostures, antipodal_points, central_weights
 from pipeline.kernels.hand.pregrasp import frame_along, tangent_palm_pose
 from pipeline.kernels.touch.ray_depth import ray_depth
-from pipeline.kernels.touch.sensor import with_fewer_pixels
+from pipeline.kernels.touch.sensor import resample_longer_side
 from stages.simulate_grasps.prepare import CLEARANCE, PreparedHand, PreparedObject
 from stages.simulate_grasps.stage import GraspSettings
 
@@ -84,7 +84,8 @@ class HoldPlanner(TouchPlanner):
         field, points, normals = prepared_object.field, prepared_object.points, prepared_object.normals
         widest, friction = float(postures.width.max(initial=0.0)) + WIDTH_STEP, prepared_hand.hand.friction
         self.postures, self.pairs = postures, antipodal_points(field, points, normals, friction=friction, widest=widest, rng=rng)
-        self.sensors = [with_fewer_pixels(worn, PLANNED_PIXELS) for worn in prepared_hand.sensors]
+        worn, fewer = prepared_hand.sensors, PLANNED_PIXELS
+        self.sensors = [sensor if max(sensor.shape) <= fewer else resample_longer_side(sensor, fewer) for sensor in worn]
         self.centre = points.mean(axis=0)  # of the mass, which is spread evenly over the exterior
         self.weights = central_weights(self.pairs, self.centre, spread=settings.spread) if len(self.pairs.width) else np.empty(0)
 

@@ -13,7 +13,7 @@ from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Finger, Hand
 from pipeline.kernels.touch.depth_maps import gel_surface, gel_under, impression, normal_force
 from pipeline.kernels.touch.ray_depth import BoxedFaces, ray_depth
-from pipeline.kernels.touch.sensor import Sensor, pixel_centres, with_fewer_pixels
+from pipeline.kernels.touch.sensor import Sensor, pixel_centres, resample_longer_side
 
 PIXELS = 64  # along the longer side of a gel whose force is computed
 SURE = 0.98  # share of a motor's torque that is used: with all pixels, a force is up to 2 % larger
@@ -27,7 +27,8 @@ NUDGE = 1e-5  # m, of the derivative of a force
 @lru_cache(maxsize=8)
 def coarse(sensor: Sensor) -> Sensor:
     """Reduce a sensor's pixels to those that the force of its gel needs; none is larger than the layer is thick."""
-    return with_fewer_pixels(sensor, max(PIXELS, int(np.ceil(max(sensor.width, sensor.height) / sensor.layer_thickness))))
+    pixels = max(PIXELS, int(np.ceil(max(sensor.width, sensor.height) / sensor.layer_thickness)))
+    return sensor if max(sensor.shape) <= pixels else resample_longer_side(sensor, pixels)
 
 
 def gel_strain(pressed: Array, sensor: Sensor) -> float:

@@ -4,7 +4,7 @@ The sensor frame has its origin at the centre of the sensor plane, the base of t
 rows, +z is the outward normal. Lengths are metres.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -233,16 +233,6 @@ class Sensor(Entries):
         return self.rows, self.cols
 
 
-def beyond_ranges(
-    indentation: np.ndarray,  # (..., S) m, of the deepest point in each gel
-    sensors: Sequence[Sensor],  # S
-) -> tuple[Mask, Mask]:  # (..., S) each
-    """Find touches that are deeper than the gel's layer, and than the deepest contact that the sensor's colours were fitted to."""
-    layers = np.array([sensor.layer_thickness for sensor in sensors])
-    fitted = np.array([sensor.calibrated.deepest if sensor.calibrated else np.inf for sensor in sensors])
-    return indentation > layers, indentation > fitted
-
-
 def sensor_differences(one: Sensor, other: Sensor, *, but_for: Mapping[str, Any]) -> list[str]:
     """Name the entries in which two sensors differ, defaults filled in; `but_for` names those that may, as pydantic's `exclude` does."""
     entries = []
@@ -308,8 +298,3 @@ def resample_longer_side(sensor: Sensor, pixels: int) -> Sensor:
     """Give a sensor square pixels, `pixels` of them along its longer side; otherwise as `resample`."""
     pitch = max(sensor.width, sensor.height) / pixels
     return resample(sensor, *(max(2, round(side / pitch)) for side in (sensor.height, sensor.width)))
-
-
-def with_fewer_pixels(sensor: Sensor, pixels: int) -> Sensor:
-    """Reduce a sensor's pixels to at most `pixels` along its longer side, square ones; one that has no more stays as it is."""
-    return sensor if max(sensor.shape) <= pixels else resample_longer_side(sensor, pixels)
