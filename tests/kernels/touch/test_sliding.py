@@ -80,7 +80,7 @@ def test_path_goes_on_from_a_step_as_if_it_had_not_ended():
 def test_path_that_begins_in_contact_or_jumps_is_refused():
     with pytest.raises(InvalidInput, match=r"poses\[0\] is in contact, 0.294 mm deep"):
         next(slide_gel(PATH[1:], SENSOR, 0.5))
-    with pytest.raises(InvalidInput, match=r"poses\[1\]: the object moves by 0.006 m"):
+    with pytest.raises(InvalidInput, match=r"poses\[1\]: the object moves by 0.00601 m"):
         list(slide_gel(views([-1e-5, 3e-4], [0, 0.006]), SENSOR, 0.5))
 
 
