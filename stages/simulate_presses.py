@@ -1,6 +1,7 @@
 """`simulate-presses`: the images of random shapes, and of patches of each object, that are pressed into a gel without a hand."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,11 +15,22 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor, sensor_files
 from pipeline.kernels.touch.depth_maps import normal_force, press_gel, quantise_depth, scaled_gel
 from pipeline.kernels.touch.elastic_contact import check_layer
-from pipeline.kernels.touch.press_shapes import SHAPES, Press, PressRanges, known_shape, random_patch, random_press
+from pipeline.kernels.touch.press_shapes import (
+    SHAPES,
+    Press,
+    PressRanges,
+    Relief,
+    draw_patch,
+    draw_shape,
+    first_that_fits,
+    known_shape,
+    press_drawn,
+)
 from pipeline.kernels.touch.ray_depth import box_faces
 from pipeline.kernels.touch.sensor import MAX_PIXELS_PER_SIDE, Sensor, resample_longer_side
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.store.rows import Row
+from pipeline.store.shard import RowView
 from schemas.base import Artifact
 from schemas.presses import PRESSED, PRESSES
 from schemas.surfaces import SURFACES
@@ -36,12 +48,10 @@ def _rising(limits: tuple[float, float]) -> tuple[float, float]:
 Positive = Annotated[float, Field(gt=0, le=10)]
 Range = Annotated[tuple[Positive, Positive], AfterValidator(_rising)]
 DEFAULT = PressRanges()
-SCALE = (0.04, 0.5)
-"""Least and greatest factor by which an object is scaled before a patch of it is pressed: whole toys to plain walls."""
 
 
-class PressSettings(ObjectSettings):
-    """The shapes that are pressed, and the gel."""
+class GelSettings(ObjectSettings):
+    """The gel, and what is pressed into it without a hand."""
 
     sensor: Annotated[str, described_by("sensor")] = setting(
         "gelsight", "a calibrated one: photographs of your own sensor need the file of `calibrate-sensor`", changes="definition"
@@ -53,9 +63,8 @@ class PressSettings(ObjectSettings):
         le=MAX_PIXELS_PER_SIDE,
         changes="definition",
     )
-    presses: int = setting(72, "per object: 1800 for 25 objects, enough for a small network", ge=1, le=10_000, changes="definition")
     patches: float = setting(
-        0.2, "share of the presses that are patches of the object itself; the others are `shapes`", ge=0, le=1, changes="definition"
+        0.2, "share of what is pressed that is a patch of the object itself; the rest are `shapes`", ge=0, le=1, changes="definition"
     )
     shapes: tuple[Annotated[str, AfterValidator(known_shape)], ...] = setting(
         tuple(SHAPES), "all shapes: a network memorises a single one", min_length=1, changes="definition"
@@ -64,6 +73,12 @@ class PressSettings(ObjectSettings):
     depth: Range = setting(
         DEFAULT.depth, "least and greatest depth of the deepest point in the gel, m: what hands and people press", changes="definition"
     )
+
+
+class PressSettings(GelSettings):
+    """The number of presses, and variants of the gel."""
+
+    presses: int = setting(72, "per object: 1800 for 25 objects, enough for a small network", ge=1, le=10_000, changes="definition")
     gel: Range | None = setting(
         None,
         "least and greatest factor of the membrane's width, or of an elastic gel's thickness, drawn per press; null: the sensor's gel",
@@ -88,8 +103,6 @@ class SimulatePresses(ObjectStage):
     def check_inputs(self, settings: PressSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
         """Check that the gel is thicker than the deepest press and the cells of its contact, and that it has what `gel` scales."""
         sensor = pressed_sensor(settings)
-        if settings.depth[1] >= sensor.w:
-            raise InvalidInput(f"depth goes to {settings.depth[1]} m, the gel of {sensor.name} is {sensor.w} m thick; press less deep")
         if settings.gel is not None and sensor.gel is None and sensor.membrane == 0:
             raise InvalidInput(f"gel is {list(settings.gel)}, but {sensor.name} has neither membrane nor gel to scale; unset gel")
         if settings.gel is not None and sensor.gel is not None:
@@ -108,24 +121,31 @@ class SimulatePresses(ObjectStage):
         return Cost(seconds=0.006 * share, kilobytes=60 * share)
 
     def process(self, unit: Unit, inputs: Inputs, settings: PressSettings) -> Row:
-        view, sensor = inputs["surfaces"], pressed_sensor(settings)
-        faces = box_faces(read_mesh(view).triangles)
-        ranges = PressRanges(settings.size, settings.depth)
+        sensor, ranges = pressed_sensor(settings), PressRanges(settings.size, settings.depth)
         rows = []
-        for number in range(settings.presses):
-            rng = unit.rng("simulate-presses", number)
-            if rng.random() < settings.patches:
-                press = random_patch(faces, view["points"], view["normals"], sensor, rng, ranges=ranges, scale=SCALE)
-            else:
-                press = random_press(sensor, rng, ranges, settings.shapes)
+        for rng, draw in drawn_reliefs(unit, inputs["surfaces"], settings, self.name, settings.presses):
+            press = first_that_fits(lambda draw=draw, rng=rng: press_drawn(draw(sensor, rng, ranges), sensor))
             rows.append(_pressed(press, sensor, settings, rng))
         return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 
 
-def pressed_sensor(settings: PressSettings) -> Sensor:
-    """Load the sensor, with as many pixels as the settings say."""
+def pressed_sensor(settings: GelSettings) -> Sensor:
+    """Load the sensor, with as many pixels as the settings say, and check that its gel is thicker than the deepest press."""
     sensor = load_sensor(settings.sensor)
+    if settings.depth[1] >= sensor.w:
+        raise InvalidInput(f"depth goes to {settings.depth[1]} m, the gel of {sensor.name} is {sensor.w} m thick; press less deep")
     return sensor if settings.pixels is None else resample_longer_side(sensor, settings.pixels)
+
+
+def drawn_reliefs(
+    unit: Unit, surfaces: RowView, settings: GelSettings, stage: str, count: int
+) -> Iterator[tuple[np.random.Generator, Callable[..., Relief]]]:
+    """Yield a generator and what draws a relief with it, `draw_patch` of the object or `draw_shape`, `count` times."""
+    patch = partial(draw_patch, box_faces(read_mesh(surfaces).triangles), surfaces["points"], surfaces["normals"])
+    shape = partial(draw_shape, shapes=settings.shapes)
+    for number in range(count):
+        rng = unit.rng(stage, number)
+        yield rng, patch if rng.random() < settings.patches else shape
 
 
 def _pressed(press: Press, sensor: Sensor, settings: PressSettings, rng: np.random.Generator) -> Row:
