@@ -24,6 +24,7 @@ from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 
 SHEAR_STEPS = 2.0**22  # per m: displacements are stored to 0.12 µm, as far as the solver settles, in half the bytes
+DIGITS = 2.0**12  # binary ones of pressures, tractions and slip, likewise
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -152,6 +153,11 @@ def _dots(step: SlideStep) -> NDArray[np.float32]:
     return dot_displacement(positions, step.displacement, sensor.pitch).astype(np.float32)
 
 
+def _few_digits(values: NDArray[np.float64]) -> NDArray[np.float32]:
+    share, exponent = np.frexp(values)
+    return np.ldexp(np.rint(share * DIGITS) / DIGITS, exponent).astype(np.float32)
+
+
 def _force(step: SlideStep) -> NDArray[np.float32]:
     return np.array([*step.shear_force, -normal_force(np.asarray(step.gel.pressure), step.sensor)], np.float32)
 
@@ -160,10 +166,10 @@ QUANTITIES: Mapping[str, Callable[[SlideStep, np.random.Generator | None], np.nd
     "pose": lambda step, _: step.pose,
     "depth": lambda step, _: step.depth,
     "tactile_image": _image,
-    "pressure": lambda step, _: np.asarray(step.gel.pressure, np.float32),
+    "pressure": lambda step, _: _few_digits(np.asarray(step.gel.pressure)),
     "shear": lambda step, _: (np.rint(step.displacement * SHEAR_STEPS) / SHEAR_STEPS).astype(np.float32),
-    "traction": lambda step, _: step.traction.astype(np.float32),
-    "slip": lambda step, _: step.slip.astype(np.float32),
+    "traction": lambda step, _: _few_digits(step.traction),
+    "slip": lambda step, _: _few_digits(step.slip),
     "slip_share": lambda step, _: np.array(step.slip_share, np.float32),
     "gross_slip": lambda step, _: np.array(step.gross_slip),
     "force": lambda step, _: _force(step),

@@ -60,7 +60,7 @@ def test_rows_follow_from_the_stored_depth_pose_and_friction(surfaces, tmp_path)
             for name in stored:
                 assert (again[name] == values[name][slide]).all(), name
             pressure, force = values["pressure"][slide], values["force"][slide]
-            assert -force[:, 2] == pytest.approx(pressure.sum(axis=(1, 2)) * np.prod(sensor.pitch), rel=1e-5)
+            assert -force[:, 2] == pytest.approx(pressure.sum(axis=(1, 2)) * np.prod(sensor.pitch), rel=1e-4)
             assert (np.hypot(*force[:, :2].T) <= friction * -force[:, 2] * 1.001).all()
             assert not force[[0, -1]].any()  # it begins and ends without contact
             assert force[3:5].any()
@@ -79,7 +79,7 @@ def test_only_what_is_asked_for_is_stored(surfaces):
     pitch = np.prod(sensor_of(shard).pitch)
     for object_id in rows.object_ids:
         force, traction = (rows.read(name, object_id) for name in rows.arrays)
-        np.testing.assert_allclose(traction.sum(axis=(2, 3)) * pitch, force[..., :2], atol=1e-5)
+        np.testing.assert_allclose(traction.sum(axis=(2, 3)) * pitch, force[..., :2], atol=1e-4)
 
 
 def test_friction_of_the_sensor_is_taken_where_none_is_set(surfaces, tmp_path):
