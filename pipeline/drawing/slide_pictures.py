@@ -12,6 +12,8 @@ from PIL import Image
 
 from pipeline.console import visible
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
+from pipeline.store.shard import RowView, Shard
+from schemas.presses import PRESSED
 
 DRAWN = ("time", "tactile_image", "pressure", "shear", "slip", "force", "torque")  # quantities that an animation shows
 ARROWS = 16  # along an image's longer side
@@ -21,6 +23,19 @@ SHADES: dict[str, Any] = {"cmap": "Oranges", "vmin": 0, "vmax": 1.6}
 STICKS, SLIPS = 0.35, 1.0  # shades of the contact
 
 Touches = Mapping[str, np.ndarray]  # (steps, …) each, by the names `DRAWN`
+
+
+def are_drawable(shard: Shard) -> bool:
+    """Check that slides hold all that an animation shows."""
+    return all(shard.has(f"slide_{name}") for name in DRAWN)
+
+
+def first_slide(view: RowView) -> tuple[str, Touches]:
+    """Read the first slide of an object, after its title."""
+    position = view.shard.position[view.object_id]
+    shape, friction = (view.shard.read(f"slide_{name}", (position, 0)) for name in ("shape", "friction"))
+    touches = {name: np.asarray(view.shard.read(f"slide_{name}", (position, 0))) for name in DRAWN}
+    return f"{view.object_id}: {PRESSED[int(shape)]}, friction {float(friction):.2f}", touches
 
 
 def animate_slides(slides: Sequence[tuple[str, Touches]], sensor: Sensor) -> bytes:
