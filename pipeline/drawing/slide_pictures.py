@@ -75,7 +75,7 @@ def _field(axes: Axes, touches: Touches, sensor: Sensor) -> Callable[[int], None
     scale = longest / (1.5 * stride * MM * sensor.pitch[1])
     shown = axes.imshow(_contact(touches, 0), extent=(x[0], x[-1], y[-1], y[0]), **SHADES)
     arrows = axes.quiver(x[part], y[part], *np.moveaxis(moved[0], -1, 0), angles="xy", scale_units="xy", scale=scale, width=0.006)
-    axes.set_title(f"displacement up to {longest:.2g} mm; slip dark", fontsize=8)
+    axes.set_title(f"displacement up to {longest:.2g} mm; slip dark", fontsize=8, loc="left")
     axes.set(xticks=[], yticks=[])
 
     def show(step: int) -> None:
@@ -98,6 +98,7 @@ def _forces(axes: Axes, touches: Touches) -> Callable[[int], None]:
     axes.plot(time, 1e3 * touches["torque"], "--", label="torque, mN·m", lw=1.2)
     axes.legend(fontsize=6, loc="upper left", framealpha=0.6)
     axes.tick_params(labelsize=6)
+    axes.set_xlim(time[0], time[-1])
     axes.set_xlabel("time, s", fontsize=7)
     now = axes.axvline(time[0], color="0.5", lw=1)
     return lambda step: now.set_xdata([time[step], time[step]])
