@@ -41,7 +41,8 @@ def first_slide(view: RowView) -> tuple[str, Touches]:
 def animate_slides(slides: Sequence[tuple[str, Touches]], sensor: Sensor) -> bytes:
     """Draw sequences of as many steps, with their titles, as a WebP: a row each, a step after the other as fast as the first's."""
     figure = Figure((3.5 * INCHES, INCHES * len(slides)), dpi=DPI, layout="constrained")
-    canvas, grid = FigureCanvasAgg(figure), figure.subplots(len(slides), 3, squeeze=False, width_ratios=(1, 1, 1.5))
+    canvas: Any = FigureCanvasAgg(figure)
+    grid = figure.subplots(len(slides), 3, squeeze=False, width_ratios=(1, 1, 1.5))
     shows = [show for row, (title, touches) in zip(grid, slides, strict=True) for show in _row(row, visible(title), touches, sensor)]
     time = slides[0][1]["time"]
     frames = []
@@ -51,7 +52,7 @@ def animate_slides(slides: Sequence[tuple[str, Touches]], sensor: Sensor) -> byt
         canvas.draw()
         if step == 0:
             figure.set_layout_engine("none")  # what is laid out once stays
-        frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy()))
+        frames.append(Image.fromarray(np.array(canvas.buffer_rgba())[..., :3]))
     buffer, pause = io.BytesIO(), round(1e3 * float(time[-1]) / max(len(time) - 1, 1))
     frames[0].save(buffer, "WEBP", save_all=True, append_images=frames[1:], duration=max(pause, 20), loop=0, quality=80, method=4)
     return buffer.getvalue()
