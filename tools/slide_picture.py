@@ -2,7 +2,7 @@
 
 import runpy
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -35,22 +35,20 @@ def main() -> None:
         "force": np.array([[*step.shear_force, -step.force] for step in steps]),
         "torque": np.array([step.torque for step in steps]),
     }
-    draw_row(
-        slide_panels(touches, example["sensor"], list(SHOWN), list(SHOWN.values())), ROOT / "docs" / "pictures" / "slides.webp", columns=4
-    )
+    draw_row(slide_panels(touches, example["sensor"], SHOWN), ROOT / "docs" / "pictures" / "slides.webp", columns=4)
 
 
-def slide_panels(touches: Touches, sensor: Sensor, titles: Sequence[str], shares: Sequence[float]) -> list[tuple[str, Panel]]:
+def slide_panels(touches: Touches, sensor: Sensor, shown: Mapping[str, float]) -> list[tuple[str, Panel]]:
     """Make the panels of two rows: images at shares of a slide, and forces; then motion and slip of the gel, and the slipping share."""
-    steps = [round(share * (len(touches["time"]) - 1)) for share in shares]
+    steps = {title: round(share * (len(touches["time"]) - 1)) for title, share in shown.items()}
 
     def field(step: int, axes: Any) -> None:
         draw_field(axes, touches, sensor)(step)
 
     contact, slips = touches["pressure"] > 0, touches["slip"].any(axis=-1)
     share = slips.sum(axis=(1, 2)) / np.maximum(contact.sum(axis=(1, 2)), 1)
-    images: list[tuple[str, Panel]] = [(title, touches["tactile_image"][step]) for title, step in zip(titles, steps, strict=True)]
-    fields: list[tuple[str, Panel]] = [("", partial(field, step)) for step in steps]
+    images: list[tuple[str, Panel]] = [(title, touches["tactile_image"][step]) for title, step in steps.items()]
+    fields: list[tuple[str, Panel]] = [("", partial(field, step)) for step in steps.values()]
     slipping = ("share of the contact that slips", lambda axes: axes.plot(touches["time"], share))
     return [*images, ("force and torque", lambda axes: draw_forces(axes, touches)), *fields, slipping]
 

@@ -63,11 +63,8 @@ def _row(axes: Sequence[Axes], title: str, touches: Touches, sensor: Sensor) -> 
     picture = axes[0].imshow(touches["tactile_image"][0])
     axes[0].set_title(title, fontsize=8, loc="left", parse_math=False)
     axes[0].set_axis_off()
-    return [
-        lambda step: picture.set_data(touches["tactile_image"][step]),
-        draw_field(axes[1], touches, sensor),
-        draw_forces(axes[2], touches),
-    ]
+    field, forces = draw_field(axes[1], touches, sensor), draw_forces(axes[2], touches)
+    return [lambda step: picture.set_data(touches["tactile_image"][step]), field, forces]
 
 
 def draw_field(axes: Axes, touches: Touches, sensor: Sensor) -> Callable[[int], None]:
@@ -83,7 +80,7 @@ def draw_field(axes: Axes, touches: Touches, sensor: Sensor) -> Callable[[int], 
     scale = longest / (1.5 * stride * MM * sensor.pitch[1])
     shown = axes.imshow(_contact(touches, 0), extent=(x[0], x[-1], y[-1], y[0]), **SHADES)
     arrows = axes.quiver(x[part], y[part], *np.moveaxis(moved[0], -1, 0), angles="xy", scale_units="xy", scale=scale, width=0.006)
-    axes.set_title(f"displacement up to {longest:.2g} mm; slip dark", fontsize=8, loc="left")
+    axes.set_title(f"gel moved up to {longest:.2g} mm", fontsize=8, loc="left")
     axes.set(xticks=[], yticks=[])
 
     def show(step: int) -> None:

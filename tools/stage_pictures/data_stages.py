@@ -125,8 +125,8 @@ def draw_presses(subject: Subject, path: Path) -> None:
 def draw_slides(subject: Subject, path: Path) -> None:
     """Draw a step of each part of the first slide, and the forces over time: tactile images above motion and slip of the gel."""
     slides = subject.source.directory.collection(ARTIFACTS["slides"])
-    title, touches = first_slide(slides.view(subject.object_id))
-    draw_row(slide_panels(touches, sensor_of(slides.first), [title, "slid", "twisted"], [0.25, 0.5, 0.75]), path, columns=4)
+    _, touches = first_slide(slides.view(subject.object_id))
+    draw_row(slide_panels(touches, sensor_of(slides.first), {"pressed": 0.25, "slid": 0.5, "then twisted": 0.75}), path, columns=4)
 
 
 def draw_renderings(directory: DataDirectory, path: Path) -> None:
