@@ -45,12 +45,15 @@ def slide_panels(touches: Touches, sensor: Sensor, shown: Mapping[str, float]) -
     def field(step: int, axes: Any) -> None:
         draw_field(axes, touches, sensor)(step)
 
+    def forces(axes: Any) -> None:
+        draw_forces(axes, touches)
+
     contact, slips = touches["pressure"] > 0, touches["slip"].any(axis=-1)
     share = slips.sum(axis=(1, 2)) / np.maximum(contact.sum(axis=(1, 2)), 1)
     images: list[tuple[str, Panel]] = [(title, touches["tactile_image"][step]) for title, step in steps.items()]
     fields: list[tuple[str, Panel]] = [("", partial(field, step)) for step in steps.values()]
     slipping = ("share of the contact that slips", lambda axes: axes.plot(touches["time"], share))
-    return [*images, ("force and torque", lambda axes: draw_forces(axes, touches)), *fields, slipping]
+    return [*images, ("force and torque", forces), *fields, slipping]
 
 
 if __name__ == "__main__":
