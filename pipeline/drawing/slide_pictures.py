@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -24,7 +23,7 @@ SHADES: dict[str, Any] = {"cmap": "Oranges", "vmin": 0, "vmax": 1.6}
 STICKS, SLIPS = 0.35, 1.0  # shades of the contact
 
 Touches = Mapping[str, np.ndarray]  # (steps, …) each, by the names `DRAWN`
-Show = Callable[[int], list[Artist]]  # changes what was drawn to a step, and returns it
+Show = Callable[[int], list[Any]]  # changes what was drawn to a step, and returns these artists
 
 
 def are_drawable(shard: Shard) -> bool:
@@ -65,7 +64,7 @@ def _row(axes: Sequence[Axes], title: str, touches: Touches, sensor: Sensor) -> 
     """Draw a sequence's first step into three axes."""
     picture = axes[0].imshow(touches["tactile_image"][0])
 
-    def show(step: int) -> list[Artist]:
+    def show(step: int) -> list[Any]:
         picture.set_data(touches["tactile_image"][step])
         return [picture]
 
@@ -85,13 +84,13 @@ def draw_field(axes: Axes, touches: Touches, sensor: Sensor) -> Show:
     moved = MM * touches["shear"][:, part, part]
     longest = max(float(np.hypot(*np.moveaxis(moved, -1, 0)).max()), LEAST)
     scale = longest / (1.5 * stride * MM * sensor.pitch[1])
-    extent = MM * np.array([-sensor.width, sensor.width, sensor.height, -sensor.height]) / 2
-    shown = axes.imshow(_contact(touches, 0), extent=extent, **SHADES)
+    right, top = MM * sensor.width / 2, MM * sensor.height / 2
+    shown = axes.imshow(_contact(touches, 0), extent=(-right, right, top, -top), **SHADES)
     arrows = axes.quiver(x[part], y[part], *np.moveaxis(moved[0], -1, 0), angles="xy", scale_units="xy", scale=scale, width=0.006)
     axes.set_title(f"gel moved up to {longest:.2g} mm", fontsize=8, loc="left")
     axes.set(xticks=[], yticks=[])
 
-    def show(step: int) -> list[Artist]:
+    def show(step: int) -> list[Any]:
         shown.set_data(_contact(touches, step))
         arrows.set_UVC(*np.moveaxis(moved[step], -1, 0))
         return [shown, arrows]
@@ -116,7 +115,7 @@ def draw_forces(axes: Axes, touches: Touches) -> Show:
     axes.set_xlabel("time, s", fontsize=7)
     now = axes.axvline(time[0], color="0.5", lw=1)
 
-    def show(step: int) -> list[Artist]:
+    def show(step: int) -> list[Any]:
         now.set_xdata([time[step], time[step]])
         return [now]
 
