@@ -16,12 +16,14 @@ from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows, sensor_of
 from pipeline.engine.stage import Cost, DatasetJob
 from pipeline.kernels.touch.sensor import MM, Sensor
 from pipeline.rng import seeded_weights
+from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location
 from pipeline.training.learner import Learner
 from pipeline.training.settings import Schedule, TrainingSettings
 from pipeline.training.training_stage import Training
 from schemas.base import Artifact
 from schemas.presses import PRESSES
+from schemas.touch import TOUCH
 
 if TYPE_CHECKING:
     import torch
@@ -38,6 +40,9 @@ DRIFT_SIDE = 3  # points per side between which drift is interpolated: it is smo
 class TouchTrainingSettings(TrainingSettings):
     """How the local network that reads photographs is trained on simulated presses."""
 
+    pretrained: Literal["shipped"] | None = setting(
+        None, "`shipped` takes the pretrained network for the sensor of the dataset's touches as it is, and needs no presses"
+    )
     learning_rate: float = setting(4e-3, "for a small network and a thousand steps", gt=0, le=100)
     schedule: Schedule = setting("cosine", "a training of fixed length ends with small steps")
     epochs: int = setting(
@@ -261,7 +266,15 @@ class TrainTouch(Training):
     settings_type = TouchTrainingSettings
 
     def inputs(self, settings: TouchTrainingSettings) -> tuple[Artifact, ...]:
-        return (PRESSES,)
+        return (PRESSES,) if settings.pretrained is None else (TOUCH,)
+
+    def assets(self, settings: TouchTrainingSettings) -> list[Path]:
+        """List the files of the pretrained networks, if one is taken."""
+        if settings.pretrained is None:
+            return []
+        from pipeline.models.shipped_weights import SENSORS, SHIPPED
+
+        return sorted(path for path in (SHIPPED / SENSORS).glob("*/*") if path.is_file())
 
     def writes(self, settings: TouchTrainingSettings) -> str:
         return "models/touch"
@@ -272,10 +285,14 @@ class TrainTouch(Training):
         return Cost(seconds=objects * 72 * settings.epochs * 0.003 * pixels * settings.width / 16, kilobytes=100)
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
-        """Train, and save the last epoch's weights with the sensor and its untouched image."""
-        from pipeline.models.touch_model import save_touch_model
+        """Train, and save the last epoch's weights with the sensor and its untouched image; or save those of the pretrained network."""
+        from pipeline.models.touch_model import save_touch_model, shipped_touch_model
 
         settings: TouchTrainingSettings = job.settings
+        if settings.pretrained:
+            model = shipped_touch_model(sensor_of(DataDirectory(job.data).collection(TOUCH).first), "cpu")
+            save_touch_model(job.folder, model.network, sensor=model.sensor, untouched=model.untouched)
+            return {"pretrained": model.sensor.name, "presses": {"train": 0, "valid": 0}}
         presses, valid = (stored_presses(job.data, split, cache_megabytes=settings.cache_megabytes) for split in ("train", "valid"))
         network, facts = train_local_network(presses, valid, settings, folder=job.folder, seed=job.seed)
         save_touch_model(job.folder, network, sensor=presses.sensor, untouched=presses.untouched)

@@ -20,6 +20,9 @@ from tests.command_line import vt
 BALL = 0.002
 TRUE = load_sensor("gelsight").model_copy(update={"rows": 160, "cols": 213, "noise": 1.0, "membrane": 0.0009, "gel": None})
 
+LARGEST = BALL / TRUE.pitch[1]
+"""Radius of the ball, pixels."""
+
 
 def photograph(contact: Circle, sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
     return tactile_image(sensor.w - ball_impression(sensor, contact, BALL), sensor, rng)
@@ -44,7 +47,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_circles_are_found_within_a_pixel_and_bad_photographs_are_named(folder: Path) -> None:
-    photographs, untouched, unusable = read_photographs(folder, folder.parent / "untouched.png")
+    photographs, untouched, unusable = read_photographs(folder, folder.parent / "untouched.png", LARGEST)
     assert set(unusable) == {"nothing.png", "small.png", "torn.png"}
     assert "nothing touches" in unusable["nothing.png"]
     assert "it has 50 x 213 pixels, the untouched photograph 160 x 213" in unusable["small.png"]
@@ -98,7 +101,7 @@ def test_unusable_photographs_are_refused_with_the_reason(folder: Path, tmp_path
         if circles:
             (place / "circles.csv").write_text(circles)
         with pytest.raises(InvalidInput, match=message):
-            read_photographs(place, folder.parent / "untouched.png")
+            read_photographs(place, folder.parent / "untouched.png", LARGEST)
 
 
 @pytest.mark.parametrize("rows", [109, 120, 132])
@@ -117,10 +120,10 @@ def test_pixels_must_be_square_though_deep_contacts_look_wide(tmp_path: Path, ro
         image = vt_pipeline.press(ball - 0.004, sensor, depth=depth).image
         save(np.clip(image + rng.normal(0, 1, image.shape), 0, 255).round().astype(np.uint8), str(number))
     if rows == 120:
-        assert len(read_photographs(tmp_path, tmp_path / "untouched.png")[0]) == 8
+        assert len(read_photographs(tmp_path, tmp_path / "untouched.png", 0.004 / sensor.pitch[1])[0]) == 8
     else:
         with pytest.raises(InvalidInput, match="% higher than wide" if rows > 120 else "% wider than high"):
-            read_photographs(tmp_path, tmp_path / "untouched.png")
+            read_photographs(tmp_path, tmp_path / "untouched.png", 0.004 / sensor.pitch[1])
 
 
 @pytest.mark.parametrize(
@@ -148,13 +151,13 @@ def test_invalid_output_names_are_refused(tmp_path: Path, name: str, untouched: 
 def test_invalid_circles_are_refused(folder: Path, line: str, message: str) -> None:
     (folder / "circles.csv").write_text(f"name,x,y,radius\n{line}\n", encoding="utf-8-sig")
     with pytest.raises(InvalidInput, match=message):
-        read_photographs(folder, folder.parent / "untouched.png")
+        read_photographs(folder, folder.parent / "untouched.png", LARGEST)
     (folder / "circles.csv").unlink()
 
 
 def test_contact_outside_its_photograph_is_unusable(folder: Path) -> None:
     (folder / "circles.csv").write_text("name,x,y,radius\n0.png,-30,80,16\n1.png,-10,80,16\n")
-    photographs, _, unusable = read_photographs(folder, folder.parent / "untouched.png")
+    photographs, _, unusable = read_photographs(folder, folder.parent / "untouched.png", LARGEST)
     (folder / "circles.csv").unlink()
     assert unusable["0.png"] == ("its contact in circles.csv, x -30, y 80, radius 16, lies outside its 213 x 160 pixels; correct that line")
     assert [photograph_read.contact for photograph_read in photographs if photograph_read.name == "1.png"] == [Circle(-10, 80, 16)]
@@ -163,7 +166,7 @@ def test_contact_outside_its_photograph_is_unusable(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"--mm-per-pixel": "1e6"}, "are lengths in mm?"),
+        ({"--mm-per-pixel": "1e6"}, "the ball's radius is 2e-06 pixels, 8 are needed: are --ball-radius and --mm-per-pixel in mm?"),
         ({"--thickness": "1e5"}, "are lengths in mm?"),
         ({"--mm-per-pixel": "0.08", "--thickness": "0.1"}, "mm deep, the gel is 0.1 mm thick; give its thickness with --thickness"),
     ],
@@ -181,7 +184,7 @@ def test_train_gives_a_network_that_reads_the_photographs(folder: Path, tmp_path
     size = ["--ball-radius", "2", "--mm-per-pixel", str(1e3 * TRUE.pitch[1]), "--untouched", str(untouched)]
     printed = vt("calibrate-sensor", folder, out, *size, "--position-degree", 2, "--train")
     assert "mine-touch: `vt-pipeline read-touch PHOTOGRAPHS" in printed
-    photographs, image, _ = read_photographs(folder, untouched)
+    photographs, image, _ = read_photographs(folder, untouched, LARGEST)
     reader = TouchReader(out, image)
     for contact_photograph in photographs[:3]:
         reading = reader.read(contact_photograph.image)
