@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from pipeline.console import abbreviate
 from pipeline.formats.urdf_shapes import PRIMITIVES
 from pipeline.kernels.arrays import Array
+from pipeline.kernels.hand.convex_shapes import shrunken_hull
 from pipeline.kernels.hand.model import Hand, Inertial, Joint, Link
 from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.sensor import Sensor
@@ -27,7 +28,13 @@ GEARED_INERTIA = 1e-4  # kg m², of the rotors that move coupled joints: 1e-8 kg
 FOLLOWER_SLACK = 0.1  # rad (m) beyond its leader's limits that a following joint is free to move, so that the limits do not conflict
 
 
-def write_hand_urdf(hand: Hand, folder: Path, sensors: Sequence[Sensor] = ()) -> Path:
+def write_hand_urdf(
+    hand: Hand,
+    folder: Path,
+    sensors: Sequence[Sensor] = (),
+    *,
+    margin: float = 0.0,  # m, by which the engine thickens convex meshes: they are written as much smaller
+) -> Path:
     """Write a hand's URDF and its collision meshes, as convex OBJ files, into a folder.
 
     Visuals are left away, every link has a mass and an inertia that a body can have, frozen joints are fixed, and a joint that follows
@@ -36,7 +43,7 @@ def write_hand_urdf(hand: Hand, folder: Path, sensors: Sequence[Sensor] = ()) ->
     """
     robot, geared = Element("robot", name=hand.name), geared_links(hand)
     for number, link in enumerate(hand.links):
-        _add_link(robot, link, folder / f"link-{number}", rotors=GEARED_INERTIA if number in geared else 0.0)
+        _add_link(robot, link, folder / f"link-{number}", rotors=GEARED_INERTIA if number in geared else 0.0, margin=margin)
     for joint in hand.joints:
         _add_joint(robot, joint, hand)
     for number, sensor in enumerate(sensors):
@@ -75,7 +82,7 @@ def gel_name(number: int) -> str:
     return f"gel of sensor {number}"
 
 
-def _add_link(robot: Element, link: Link, stem: Path, *, rotors: float) -> None:
+def _add_link(robot: Element, link: Link, stem: Path, *, rotors: float, margin: float) -> None:
     element, body = SubElement(robot, "link", name=link.name), _estimated(link)
     xx, xy, xz, yy, yz, zz = body.moments or ()
     _add_inertial(element, replace(body, moments=(xx + rotors, xy, xz, yy + rotors, yz, zz + rotors)))  # about all axes: no body has one
@@ -87,7 +94,8 @@ def _add_link(robot: Element, link: Link, stem: Path, *, rotors: float) -> None:
             import trimesh  # takes half a second, which hands of boxes save
 
             path = stem.with_name(f"{stem.name}-{number}.obj")
-            trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False).convex_hull.export(path)
+            mesh = shrunken_hull(shape.mesh, margin) if margin else shape.mesh
+            trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).convex_hull.export(path)
             SubElement(geometry, "mesh", filename=str(path))
         else:
             _add_origin(collision, shape.origin, shape.rpy)
