@@ -166,9 +166,10 @@ class GraspReader:
         beyond = np.maximum(hand.lower - vector, vector - hand.upper)
         if beyond.max() > (BEYOND if phase == "grasp" else TARGET_BEYOND):
             joint = int(beyond.argmax())
+            unit = "m" if hand.joints[hand.joint_links[joint] - 1].kind == "prismatic" else "rad"
             raise InvalidInput(
                 f"joint {hand.joint_names[joint]} is {vector[joint]:.3g} in the {phase}, its limits are {hand.lower[joint]:.3g} to "
-                f"{hand.upper[joint]:.3g}; is it in rad (m), and do read-grasps.joints and the hand fit the file?"
+                f"{hand.upper[joint]:.3g}; is it in {unit}, and do read-grasps.joints and the hand fit the file?"
             )
         rigid = {**hand.frozen, **{name: float(follower.of(vector)) for name, follower in coupled.items()}}
         for name, value in rigid.items():

@@ -227,7 +227,8 @@ def test_contact_with_a_link_begins_at_its_surface(shape: str, tmp_path: Path) -
     trimesh.creation.box((0.02, 0.02, 0.02)).export(tmp_path / "cube.stl")
     described = load_hand("two_finger_gripper")
     box = '<box size="0.06 0.17 0.05"/>'
-    assert box in (text := described.model.read_text())
+    text = described.model.read_text()
+    assert box in text
     (tmp_path / "two_finger_gripper.urdf").write_text(text.replace(box, shape))
     (tmp_path / "hand.yaml").write_text(described.path.read_text())
     hand = load_hand(tmp_path / "hand.yaml")
