@@ -63,8 +63,8 @@ def nearest_surface(
         others = [*hulls[:number], *hulls[number + 1 :]]
         bare = Mesh.bare(mesh.vertices, mesh.faces[~_within(mesh.triangles.mean(axis=1), others)])
         if len(bare.faces):
-            distance, _, closest = nearest_faces(point[None], bare)
-            nearest.append((bool(_within(closest, others)[0]), float(distance[0]), closest[0], number))
+            distances, _, places = nearest_faces(point[None], bare)
+            nearest.append((bool(_within(places, others)[0]), float(distances[0]), places[0], number))
     _, distance, closest, number = min(nearest, key=lambda item: item[:2])
     planes = hulls[number].planes
     meeting = planes[np.abs(planes[:, :3] @ closest + planes[:, 3]) <= MEETING, :3]
