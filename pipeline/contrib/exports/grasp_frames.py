@@ -1,7 +1,8 @@
 """Read a dataset as frames, one per grasp, with the type, unit and meaning of each column, for every table format."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import chain, count
 from typing import Any, Literal
 
 from pipeline.config.manifest import SPLITS
@@ -97,6 +98,15 @@ class GraspFrames:
 
     def _by_finger(self, name: str, values: Iterable[Any]) -> dict[str, Any]:
         return {f"{name}.{finger}": value for finger, value in zip(self.labels["sensor"], values, strict=True)}
+
+
+def distinct_names(names: Iterable[str], written: Callable[[str], str]) -> dict[str, str]:
+    """Write names in the characters that a format allows; those that become equal are numbered."""
+    result: dict[str, str] = {}
+    for name in dict.fromkeys(names):
+        numbered = chain([written(name)], (f"{written(name)}_{number}" for number in count(2)))
+        result[name] = next(other for other in numbered if other not in result.values())
+    return result
 
 
 def instruction(category: str) -> str:

@@ -12,7 +12,7 @@ import zarr
 from scipy.spatial.transform import Rotation
 
 from pipeline.contrib.exports.functional_areas import joint_slots, tactile_areas
-from pipeline.contrib.exports.grasp_frames import BY_FINGER, Column, GraspFrames, instruction
+from pipeline.contrib.exports.grasp_frames import BY_FINGER, Column, GraspFrames, distinct_names, instruction
 from pipeline.dataset.grasps import grasping_hand
 from pipeline.errors import StoreError
 from pipeline.store.storage import Location
@@ -41,9 +41,9 @@ def export_oxt(data: Location, folder: Path) -> str:
     frames = GraspFrames(data)
     if "tactile_image" not in frames.arrays:
         raise StoreError(f"{data.resolve()} has no touches; run simulate-touch, then export again")
-    streams, ends = _Streams(frames), Counter[Path]()
+    streams, ends, tasks = _Streams(frames), Counter[Path](), distinct_names(sorted({*frames.rows.categories}), _slug)
     for split, episode in frames.objects():
-        path = folder / split / f"grasp_{_slug(episode[0]['category'])}.zarr"
+        path = folder / split / f"grasp_{tasks[episode[0]['category']]}.zarr"
         ends[path] += len(episode)
         root = zarr.open_group(str(path), mode="a", zarr_format=2)
         _append(root.require_group("meta"), [("episode_ends", (np.array([ends[path]]), END))])
@@ -99,9 +99,9 @@ class _Streams:
         values = np.stack([_stack(episode, name) for name in names], axis=1) if array in BY_FINGER else _stack(episode, array)
         values = values[..., None].astype(np.float32) if kind in ("binary", "state") else values  # (T, sensor, …)
         schema, sensors = artifact_of(array).arrays[array], [episode[0][f"sensor.{finger}"] for finger in self.fingers]
-        for sensor in dict.fromkeys(sensors):
+        for sensor, written in distinct_names(sensors, _slug).items():
             of_kind = [number for number, other in enumerate(sensors) if other == sensor]
-            fingers, group = tuple(self.fingers[number] for number in of_kind), f"{quantity}_{_slug(sensor)}"
+            fingers, group = tuple(self.fingers[number] for number in of_kind), f"{quantity}_{written}"
             described = Column("float32", names=fingers, unit=schema.units, meaning=schema.description)
             areas = np.tile([self.areas[number] for number in of_kind], (len(episode), 1))
             yield f"{self.side}_tactile_data_{group}", (values[:, of_kind], described)
@@ -116,4 +116,4 @@ def _stack(episode: Sequence[Mapping[str, Any]], column: str) -> np.ndarray:  # 
 
 def _slug(name: str) -> str:
     """Write a name in the characters that names of stores and groups may have."""
-    return re.sub("[^a-z0-9]+", "_", name.lower()).strip("_")
+    return re.sub("[^a-z0-9]+", "_", name.lower()).strip("_") or "other"
