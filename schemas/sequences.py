@@ -29,14 +29,14 @@ def over_time(
         "tactile_image": Array(
             f"{dims} row col rgb", "uint8", "1/255", "R: the tactile image of the gel, with the sensor's markers as its surface moves them."
         ),
-        "pressure": Array(f"{dims} row col", "float32", "Pa", "Normal pressure, 0 outside the contact."),
-        "shear": Array(f"{dims} row col xy", "float32", "m", "Displacement of the gel's surface from its rest, in multiples of 2^-26 m."),
-        "traction": Array(f"{dims} row col xy", "float32", "Pa", "Tangential traction, at most friction times pressure."),
+        "pressure": Array(f"{dims} row col", "float32", "Pa", "Normal pressure, to 12 binary digits; 0 outside the contact."),
+        "shear": Array(f"{dims} row col xy", "float32", "m", "Displacement of the gel's surface from its rest, in multiples of 2^-22 m."),
+        "traction": Array(f"{dims} row col xy", "float32", "Pa", "Tangential traction, at most friction times pressure; 12 binary digits."),
         "slip": Array(
             f"{dims} row col xy",
             "float32",
             "m",
-            "How far the object slid over the gel in the step, in multiples of 2^-26 m; 0 where it sticks and outside the contact.",
+            "How far the object slid over the gel in the step, to 12 binary digits; 0 where it sticks and outside the contact.",
         ),
         "slip_share": Array(dims, "float32", "1", "Share of the contact that slips; 0 without contact."),
         "gross_slip": Array(dims, "bool", "1", "Whether the object touches and sticks nowhere."),

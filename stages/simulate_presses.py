@@ -39,14 +39,15 @@ GEL_BITS, FAR_BITS = 26, 18
 """Depths are stored in steps of 2^-26 m in the gel and of 2^-18 m beyond, as `simulate-touch` stores them."""
 
 
-def _rising(limits: tuple[float, float]) -> tuple[float, float]:
+def rising(limits: tuple[float, float]) -> tuple[float, float]:
+    """Return a range as it is; raise a `ValueError` if its ends are exchanged."""
     if limits[0] > limits[1]:
         raise ValueError(f"it is {list(limits)}; the least comes first, then the greatest")
     return limits
 
 
 Positive = Annotated[float, Field(gt=0, le=10)]
-Range = Annotated[tuple[Positive, Positive], AfterValidator(_rising)]
+Range = Annotated[tuple[Positive, Positive], AfterValidator(rising)]
 DEFAULT = PressRanges()
 
 

@@ -35,6 +35,7 @@ ROOT = Path(__file__).parents[1]
 ASSIGNMENTS = [
     *("sample-surfaces.points=2000", "simulate-grasps.attempts=6", "simulate-grasps.ik_samples=512"),
     *("simulate-presses.presses=5", "simulate-presses.pixels=40"),
+    *("simulate-slides.slides=2", "simulate-slides.steps=8", "simulate-slides.rate=4", "simulate-slides.pixels=40"),
     *("train-unet.width=4", "train-unet.epochs=2", "train-unet.batch_size=8", "fit-charts.max_iterations=10"),
     *("train-touch.width=4", "train-touch.epochs=2", "train-touch.batch_size=8"),
     *("train-gcn.epochs=2", "train-gcn.gcn_layers=3", "train-gcn.gcn_features=12", "train-gcn.encoder_width=0.25"),

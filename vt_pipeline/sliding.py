@@ -14,7 +14,7 @@ from pipeline.kernels.touch.elastic_contact import check_layer
 from pipeline.kernels.touch.markers import MarkerGrid, dot_displacement, draw_dots
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import MAX_FRICTION, Sensor, sensor_differences
-from pipeline.kernels.touch.sliding import SlideStep, slide_gel
+from pipeline.kernels.touch.sliding import SlideStep, known_friction, slide_gel
 from pipeline.kernels.touch.tactile_image import render_gel
 from vt_pipeline.objects import Source, TouchObject, as_object
 from vt_pipeline.touching import Touch, as_poses, as_rng, as_sensor
@@ -104,10 +104,7 @@ def _steps(
 
 def _friction(given: float | None, sensor: Sensor) -> float:
     """Return the coefficient of friction: as given, or the sensor's."""
-    if sensor.gel is None:
-        raise InvalidInput(f"sensor {sensor.name} has no elastic gel, which slides need; add `gel: {{modulus: …}}` to its file")
-    if (friction := sensor.gel.friction if given is None else given) is None:
-        raise InvalidInput(f"the friction of sensor {sensor.name} is not known: give friction=…, or add `gel: {{friction: …}}` to its file")
+    friction = known_friction(sensor, given)
     try:
         value = float(friction)
     except (TypeError, ValueError) as error:

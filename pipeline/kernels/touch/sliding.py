@@ -21,9 +21,10 @@ from pipeline.kernels.touch.friction import (
 )
 from pipeline.kernels.touch.markers import dot_displacement, draw_dots
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
-from pipeline.kernels.touch.tactile_image import render_gel
+from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 
-SHEAR_STEPS = 2.0**26  # per m: displacements and slip are rounded to 15 nm, a third of the solver's tolerance, so that they compress
+SHEAR_STEPS = 2.0**22  # per m: displacements are stored to 0.12 µm, as far as the solver settles, in half the bytes
+DIGITS = 2.0**12  # binary ones of pressures, tractions and slip, likewise
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -108,6 +109,15 @@ def slide_gel(
         yield SlideStep(sensor, pose, depth, gel, state)
 
 
+def known_friction(sensor: Sensor, given: float | None = None) -> float:
+    """Return the coefficient of friction as given, or the sensor's; `InvalidInput` if it has no elastic gel, or neither is known."""
+    if sensor.gel is None:
+        raise InvalidInput(f"sensor {sensor.name} has no elastic gel, which slides need; add `gel: {{modulus: …}}` to its file")
+    if (friction := sensor.gel.friction if given is None else given) is None:
+        raise InvalidInput(f"the friction of sensor {sensor.name} is not known: give friction, or add `gel: {{friction: …}}` to its file")
+    return friction
+
+
 def measure_steps(
     steps: Iterable[SlideStep],
     quantities: Collection[str],  # names from `QUANTITIES`
@@ -118,12 +128,21 @@ def measure_steps(
     return {name: np.stack([row[name] for row in rows]) for name in quantities}
 
 
-def _image(step: SlideStep, rng: np.random.Generator | None) -> NDArray[np.uint8]:
-    """Render a step; a sensor's markers are where its surface has carried them."""
-    image, sensor = render_gel(step.gel.indentation, step.sensor, rng), step.sensor
+def resting_image(sensor: Sensor) -> NDArray[np.uint8]:
+    """Render a sensor that nothing touches, with its markers."""
+    return _with_markers(untouched_image(sensor), sensor, np.zeros((*sensor.shape, 2)))
+
+
+def _with_markers(image: NDArray[np.uint8], sensor: Sensor, displacement: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Draw a sensor's markers, if it has some, where the gel's surface has carried them."""
     if (dots := sensor.markers) is not None:
-        draw_dots(image, step.displacement, sensor.pitch, dots.positions(sensor.width, sensor.height), dots.radius, dots.colour)
+        draw_dots(image, displacement, sensor.pitch, dots.positions(sensor.width, sensor.height), dots.radius, dots.colour)
     return image
+
+
+def _image(step: SlideStep, rng: np.random.Generator | None) -> NDArray[np.uint8]:
+    image = render_gel(step.gel.indentation, step.sensor, rng)
+    return _with_markers(image, step.sensor, step.displacement) if step.sensor.markers else image
 
 
 def _dots(step: SlideStep) -> NDArray[np.float32]:
@@ -134,22 +153,23 @@ def _dots(step: SlideStep) -> NDArray[np.float32]:
     return dot_displacement(positions, step.displacement, sensor.pitch).astype(np.float32)
 
 
+def _few_digits(values: NDArray[np.float64]) -> NDArray[np.float32]:
+    share, exponent = np.frexp(values)
+    return np.ldexp(np.rint(share * DIGITS) / DIGITS, exponent).astype(np.float32)
+
+
 def _force(step: SlideStep) -> NDArray[np.float32]:
     return np.array([*step.shear_force, -normal_force(np.asarray(step.gel.pressure), step.sensor)], np.float32)
-
-
-def _rounded(lengths: NDArray[np.float64]) -> NDArray[np.float32]:
-    return (np.rint(lengths * SHEAR_STEPS) / SHEAR_STEPS).astype(np.float32)
 
 
 QUANTITIES: Mapping[str, Callable[[SlideStep, np.random.Generator | None], np.ndarray]] = {
     "pose": lambda step, _: step.pose,
     "depth": lambda step, _: step.depth,
     "tactile_image": _image,
-    "pressure": lambda step, _: np.asarray(step.gel.pressure, np.float32),
-    "shear": lambda step, _: _rounded(step.displacement),
-    "traction": lambda step, _: step.traction.astype(np.float32),
-    "slip": lambda step, _: _rounded(step.slip),
+    "pressure": lambda step, _: _few_digits(np.asarray(step.gel.pressure)),
+    "shear": lambda step, _: (np.rint(step.displacement * SHEAR_STEPS) / SHEAR_STEPS).astype(np.float32),
+    "traction": lambda step, _: _few_digits(step.traction),
+    "slip": lambda step, _: _few_digits(step.slip),
     "slip_share": lambda step, _: np.array(step.slip_share, np.float32),
     "gross_slip": lambda step, _: np.array(step.gross_slip),
     "force": lambda step, _: _force(step),

@@ -1,0 +1,88 @@
+"""Animations of touches over time: tactile image, displacement of the gel and where it slips, forces."""
+
+import io
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+from pipeline.console import visible
+from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
+
+DRAWN = ("time", "tactile_image", "pressure", "shear", "slip", "force", "torque")  # quantities that an animation shows
+ARROWS = 16  # along an image's longer side
+LEAST = 0.05  # mm: displacements below are drawn short
+INCHES, DPI = 2.4, 80  # a panel's side; pixels per inch
+SHADES: dict[str, Any] = {"cmap": "Oranges", "vmin": 0, "vmax": 1.6}
+STICKS, SLIPS = 0.35, 1.0  # shades of the contact
+
+Touches = Mapping[str, np.ndarray]  # (steps, …) each, by the names `DRAWN`
+
+
+def animate_slides(slides: Sequence[tuple[str, Touches]], sensor: Sensor) -> bytes:
+    """Draw sequences of as many steps, with their titles, as a WebP: a row each, a step after the other as fast as the first's."""
+    figure = Figure((3.5 * INCHES, INCHES * len(slides)), dpi=DPI, layout="constrained")
+    canvas, grid = FigureCanvasAgg(figure), figure.subplots(len(slides), 3, squeeze=False, width_ratios=(1, 1, 1.5))
+    shows = [show for row, (title, touches) in zip(grid, slides, strict=True) for show in _row(row, visible(title), touches, sensor)]
+    time = slides[0][1]["time"]
+    frames = []
+    for step in range(len(time)):
+        for show in shows:
+            show(step)
+        canvas.draw()
+        if step == 0:
+            figure.set_layout_engine("none")  # what is laid out once stays
+        frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy()))
+    buffer, pause = io.BytesIO(), round(1e3 * float(time[-1]) / max(len(time) - 1, 1))
+    frames[0].save(buffer, "WEBP", save_all=True, append_images=frames[1:], duration=max(pause, 20), loop=0, quality=80, method=4)
+    return buffer.getvalue()
+
+
+def _row(axes: Sequence[Axes], title: str, touches: Touches, sensor: Sensor) -> list[Callable[[int], Any]]:
+    """Draw a sequence's first step into three axes; return what draws others."""
+    picture = axes[0].imshow(touches["tactile_image"][0])
+    axes[0].set_title(title, fontsize=8, loc="left", parse_math=False)
+    axes[0].set_axis_off()
+    return [lambda step: picture.set_data(touches["tactile_image"][step]), _field(axes[1], touches, sensor), _forces(axes[2], touches)]
+
+
+def _field(axes: Axes, touches: Touches, sensor: Sensor) -> Callable[[int], None]:
+    """Draw where the contact sticks and slips, and how the gel's surface is displaced; the longest arrow is a step and a half."""
+    x, y = (MM * centres for centres in pixel_centres(sensor))
+    stride = max(1, max(sensor.shape) // ARROWS)
+    part = slice(stride // 2, None, stride)
+    moved = MM * touches["shear"][:, part, part]
+    longest = max(float(np.hypot(*np.moveaxis(moved, -1, 0)).max()), LEAST)
+    scale = longest / (1.5 * stride * MM * sensor.pitch[1])
+    shown = axes.imshow(_contact(touches, 0), extent=(x[0], x[-1], y[-1], y[0]), **SHADES)
+    arrows = axes.quiver(x[part], y[part], *np.moveaxis(moved[0], -1, 0), angles="xy", scale_units="xy", scale=scale, width=0.006)
+    axes.set_title(f"displacement up to {longest:.2g} mm; slip dark", fontsize=8)
+    axes.set(xticks=[], yticks=[])
+
+    def show(step: int) -> None:
+        shown.set_data(_contact(touches, step))
+        arrows.set_UVC(*np.moveaxis(moved[step], -1, 0))
+
+    return show
+
+
+def _contact(touches: Touches, step: int) -> np.ndarray:  # (rows, cols) shades
+    slips = touches["slip"][step].any(axis=-1)
+    return np.where(slips, SLIPS, np.where(touches["pressure"][step] > 0, STICKS, 0.0))
+
+
+def _forces(axes: Axes, touches: Touches) -> Callable[[int], None]:
+    """Draw forces and torque over time, and a line that moves along."""
+    time, force = touches["time"], touches["force"]
+    for values, label in ((-force[:, 2], "normal, N"), (force[:, 0], "along x, N"), (force[:, 1], "along y, N")):
+        axes.plot(time, values, label=label, lw=1.2)
+    axes.plot(time, 1e3 * touches["torque"], "--", label="torque, mN·m", lw=1.2)
+    axes.legend(fontsize=6, loc="upper left", framealpha=0.6)
+    axes.tick_params(labelsize=6)
+    axes.set_xlabel("time, s", fontsize=7)
+    now = axes.axvline(time[0], color="0.5", lw=1)
+    return lambda step: now.set_xdata([time[step], time[step]])
