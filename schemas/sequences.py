@@ -5,11 +5,13 @@ from dataclasses import replace
 
 from schemas.base import Array
 
+ALWAYS = ("time", "pose", "settled")  # quantities that no setting leaves out
+
 
 def over_time(
     prefix: str,
     dims: str,  # the last is that of the steps
-    always: Collection[str] = (),  # quantities that no setting leaves out
+    always: Collection[str] = (),  # quantities that are in every dataset
 ) -> dict[str, Array]:
     """Declare the arrays of touches over time as PREFIX_QUANTITY.
 

@@ -2,9 +2,8 @@
 
 from schemas.base import Array, Artifact
 from schemas.presses import PRESSED
-from schemas.sequences import over_time
+from schemas.sequences import ALWAYS, over_time
 
-ALWAYS = ("time", "pose", "settled")
 SLIDES = Artifact(
     name="slides",
     stage="simulate-slides",

@@ -10,29 +10,22 @@ from pydantic import AfterValidator
 from pipeline.config.settings import setting
 from pipeline.console import pluralise
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Unit
-from pipeline.errors import InvalidInput, unknown_name
+from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import sensor_files
 from pipeline.kernels.touch.depth_maps import quantise_depth
 from pipeline.kernels.touch.elastic_contact import check_layer
 from pipeline.kernels.touch.press_shapes import PressRanges, Relief, first_that_fits
 from pipeline.kernels.touch.sensor import Friction, Sensor
 from pipeline.kernels.touch.slide_paths import CLEARANCE, PathRanges, draw_path, follow_path
-from pipeline.kernels.touch.sliding import QUANTITIES, known_friction, measure_steps, resting_image, slide_gel
+from pipeline.kernels.touch.sliding import CHOSEN, Quantity, known_friction, measure_steps, resting_image, slide_gel, stored_quantities
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
 from schemas.base import Artifact
 from schemas.presses import PRESSED
-from schemas.slides import ALWAYS, SLIDES
+from schemas.sequences import ALWAYS
+from schemas.slides import SLIDES
 from schemas.surfaces import SURFACES
 from stages.simulate_presses import FAR_BITS, GEL_BITS, GelSettings, Range, drawn_reliefs, pressed_sensor, rising
-
-CHOSEN = tuple(name for name in QUANTITIES if name not in ALWAYS)
-
-
-def _known(name: str) -> str:
-    if name not in CHOSEN:
-        raise InvalidInput(unknown_name("array", name, CHOSEN))
-    return name
 
 
 class SlideSettings(GelSettings):
@@ -50,7 +43,7 @@ class SlideSettings(GelSettings):
     press_speed: Range = setting((0.003, 0.006), "least and greatest speed of press and lift, m/s: either takes under half a second")
     slide_speed: Range = setting((0.0005, 0.004), "least and greatest speed of the slide, m/s: from mostly sticking to gross slip")
     twist_speed: Range = setting((0.1, 0.8), "least and greatest speed of the twist, rad/s, either way round")
-    store: tuple[Annotated[str, AfterValidator(_known)], ...] | None = setting(
+    store: tuple[Quantity, ...] | None = setting(
         None,
         f"what is computed and stored of each step beside {', '.join(ALWAYS)}, from {', '.join(CHOSEN)}; null: all but traction, and "
         "marker_displacement where the sensor has markers",
@@ -76,8 +69,7 @@ class SimulateSlides(ObjectStage):
         sensor = pressed_sensor(settings)
         check_layer(sensor)
         known_friction(sensor, settings.friction[0] if settings.friction else None)
-        if "marker_displacement" in _stored(settings, sensor) and sensor.markers is None:
-            raise InvalidInput(f"store names marker_displacement, but {sensor.name} has none; add `markers: {{rows: 7, …}}` to its file")
+        stored_quantities(settings.store, [sensor])
         slowest, quarter = (settings.depth[1] + CLEARANCE) / settings.press_speed[0], (settings.steps - 1) / settings.rate / 4
         if slowest > quarter:
             raise InvalidInput(
@@ -110,13 +102,6 @@ class SimulateSlides(ObjectStage):
         return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 
 
-def _stored(settings: SlideSettings, sensor: Sensor) -> tuple[str, ...]:
-    """Name the quantities to compute of each step, but its time."""
-    skipped = {"traction"} if sensor.markers else {"traction", "marker_displacement"}
-    chosen = [name for name in CHOSEN if name not in skipped] if settings.store is None else settings.store
-    return ("pose", "settled", *chosen)
-
-
 def _slide(draw: Callable[..., Relief], sensor: Sensor, settings: SlideSettings, rng: np.random.Generator) -> Row:
     """Draw a sequence, and compute its arrays from the depth as it is stored."""
     limits = PathRanges(settings.depth, settings.press_speed, settings.slide_speed, settings.twist_speed)
@@ -127,7 +112,7 @@ def _slide(draw: Callable[..., Relief], sensor: Sensor, settings: SlideSettings,
     depths, poses = follow_path(relief, path, sensor)
     stored = quantise_depth(np.stack(depths), sensor, gel_bits=GEL_BITS, far_bits=FAR_BITS)
     steps = slide_gel(zip(stored, poses, strict=True), sensor, float(friction))
-    measured = measure_steps(steps, _stored(settings, sensor), rng) | {"time": path.time.astype(np.float32)}
+    measured = measure_steps(steps, stored_quantities(settings.store, [sensor]), rng) | {"time": path.time.astype(np.float32)}
     return {
         "slide_shape": np.array(PRESSED.index(relief.shape), np.uint8),
         "slide_scale": np.array(relief.scale, np.float32),

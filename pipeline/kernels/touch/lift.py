@@ -7,6 +7,7 @@ mass lies at one distance from its centre. Rigid links carry nothing.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -70,34 +71,52 @@ def lift_object(
     Each step solves for the object's motion, by Broyden's method: the gels' forces and torques, its weight and its inertia add up to 0.
     """
     last = LiftStep(np.eye(4), [_untouched(*seen) for seen in zip(poses, sensors, strict=True)], 0.0, 0.0, True)
-    gone = last.touches
-    velocity, jacobian = np.zeros(6), None  # of translation and, times `gyration`, of rotation
-    holding = np.zeros(6)  # N, forces and torques that hold the object while the fingers close
+    gone, still = last.touches, np.zeros(6)
+    momentum, holding, jacobian = still, still, None  # of translation and, over `gyration`, of rotation; what holds it when fingers close
     for number in range(steps):
         weight = body.mass * EARTH * min(max((number / steps - FREE) / (FULL - FREE), 0.0), 1.0)
-        held = holding * max(1 - number / steps / FREE, 0.0)
-
-        def balance(motion: Array, last: LiftStep = last, velocity: Array = velocity, weight: float = weight, held: Array = held):
-            pose = _moved(motion, last.pose, body)
-            touches = [_touch(body, pose, *seen) for seen in zip(poses, last.touches, friction, strict=True)]
-            force = np.array([0, 0, -weight, 0, 0, 0]) - sum(
-                _wrench(*seen, _centre(pose, body), body.gyration) for seen in zip(touches, poses, strict=True)
-            )
-            step = LiftStep(pose, touches, weight, float(length(force[:3])), True)
-            return force + held - body.mass * rate * (motion * rate - velocity), step
-
+        push = momentum * rate + holding * max(1 - number / steps / FREE, 0.0)
+        balance = partial(_balance, body, poses, friction, last, weight=weight, push=push, inertia=body.mass * rate**2)
         if number == 0:
-            unbalanced, last = balance(velocity)
+            unbalanced, last = balance(still)
             holding = -unbalanced
         elif last.held:
             pressed = sum(normal_force(np.asarray(touch.gel.pressure), touch.sensor) for touch in last.touches)
             tolerance = TOLERANCE * body.mass * EARTH + NOISE * pressed
             try:
-                motion, last, jacobian = _solve(balance, velocity / rate, jacobian, tolerance)
-                velocity = motion * rate
-            except InvalidInput:  # it moves by more than the thickness of a gel
-                last = LiftStep(last.pose, gone, weight, weight, False)
-        yield last._replace(weight=weight)
+                motion, last, jacobian = _solve(balance, momentum / (body.mass * rate), jacobian, tolerance)
+                momentum = body.mass * rate * motion
+            except _Lost:
+                last = LiftStep(last.pose, gone, weight, 0.0, False)
+        yield last if last.held else last._replace(weight=weight, imbalance=weight)
+
+
+class _Lost(Exception):
+    """Raised where an object moves by more than the thickness of a gel in one step: it slips out."""
+
+
+def _balance(
+    body: FreedObject,
+    poses: Sequence[Array],
+    friction: Sequence[float],
+    last: LiftStep,
+    motion: Array,  # (6,) m, of the centre and, times `gyration`, about it, since the last step
+    *,
+    weight: float,  # N
+    push: Array,  # (6,) N, of what holds the object, and of its momentum
+    inertia: float,  # N/m
+) -> tuple[Array, LiftStep]:
+    """Move an object, and add up the forces on it and, over its radius of gyration, their torques, (6,) N: 0 for its motion."""
+    if length(motion[:3]) > min(touch.sensor.layer_thickness for touch in last.touches):
+        raise _Lost
+    pose = _moved(motion, last.pose, body)
+    try:
+        touches = [_touch(body, pose, *seen) for seen in zip(poses, last.touches, friction, strict=True)]
+    except InvalidInput as error:  # it turns too far
+        raise _Lost from error
+    force = -sum(_wrench(*seen, _centre(pose, body), body.gyration) for seen in zip(touches, poses, strict=True))
+    force[2] -= weight
+    return force + push - inertia * motion, LiftStep(pose, touches, weight, float(length(force[:3])), True)
 
 
 def _untouched(pose: Array, sensor: Sensor) -> SlideStep:
@@ -145,19 +164,20 @@ def _solve(
     tolerance: float,  # N
 ) -> tuple[Array, LiftStep, Array | None]:
     """Find the motion of balance; a jacobian is computed where there is none, or the one that is updated does not help."""
+    error, step = balance(motion)
     least, stalled = np.inf, 0
     for _ in range(MAX_STEPS):
-        error, step = balance(motion)
-        if jacobian is not None and least < np.inf:
-            jacobian = jacobian + np.outer(error - before - (jacobian * change).sum(axis=1), change) / np.square(change).sum()
         size = float(length(error))
         if size <= tolerance:
             return motion, step, jacobian
-        least, stalled = min(least, size), 0 if size < PROGRESS * least else stalled + 1
+        stalled = 0 if size < PROGRESS * least else stalled + 1
+        least = min(least, size)
         if jacobian is None or stalled > PATIENCE:
             jacobian = np.stack([(balance(motion + nudge)[0] - error) / NUDGE for nudge in NUDGE * np.eye(6)], axis=1)
             stalled = 0
         change = -solve_linear(jacobian, error)
         change *= min(1.0, FARTHEST / np.abs(change).max())
         before, motion = error, motion + change
+        error, step = balance(motion)
+        jacobian = jacobian + np.outer(error - before - (jacobian * change).sum(axis=1), change) / np.square(change).sum()
     return motion, step._replace(settled=False), jacobian

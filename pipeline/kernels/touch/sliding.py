@@ -1,13 +1,15 @@
 """An elastic gel over time: what an object that is pressed, slid, twisted and lifted off does to it, step by step."""
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import AfterValidator
 
-from pipeline.errors import InvalidInput
+from pipeline.errors import InvalidInput, unknown_name
 from pipeline.kernels.touch.depth_maps import normal_force, press_gel
 from pipeline.kernels.touch.elastic_contact import PressedGel
 from pipeline.kernels.touch.friction import (
@@ -22,6 +24,7 @@ from pipeline.kernels.touch.friction import (
 from pipeline.kernels.touch.markers import dot_displacement, draw_dots
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
+from schemas.sequences import ALWAYS
 
 SHEAR_STEPS = 2.0**22  # per m: displacements are stored to 0.12 µm, as far as the solver settles, in half the bytes
 DIGITS = 2.0**12  # binary ones of pressures, tractions and slip, likewise
@@ -178,3 +181,24 @@ QUANTITIES: Mapping[str, Callable[[SlideStep, np.random.Generator | None], np.nd
     "settled": lambda step, _: np.array(step.settled),
 }
 """What a step tells, by the name under which datasets store it."""
+
+CHOSEN = tuple(name for name in QUANTITIES if name not in ALWAYS)
+"""What settings choose from."""
+
+
+def _known(name: str) -> str:
+    if name not in CHOSEN:
+        raise InvalidInput(unknown_name("array", name, CHOSEN))
+    return name
+
+
+Quantity = Annotated[str, AfterValidator(_known)]
+
+
+def stored_quantities(store: Sequence[str] | None, sensors: Sequence[Sensor]) -> tuple[str, ...]:
+    """Name the quantities to compute of each step, but its time; None stands for all but traction, and markers' where there are some."""
+    bare = next((sensor.name for sensor in sensors if sensor.markers is None), None)
+    if store and "marker_displacement" in store and bare is not None:
+        raise InvalidInput(f"store names marker_displacement, but {bare} has none; add `markers: {{rows: 7, …}}` to its file")
+    skipped = {"traction"} if bare is None else {"traction", "marker_displacement"}
+    return ("pose", "settled", *([name for name in CHOSEN if name not in skipped] if store is None else store))
