@@ -125,7 +125,7 @@ class SimulatePresses(ObjectStage):
         sensor, ranges = pressed_sensor(settings), PressRanges(settings.size, settings.depth)
         rows = []
         for rng, draw in drawn_reliefs(unit, inputs["surfaces"], settings, self.name, settings.presses):
-            press = first_that_fits(lambda draw=draw, rng=rng: press_drawn(draw(sensor, rng, ranges), sensor))
+            press = first_that_fits(press_drawn, draw, sensor, rng, ranges)
             rows.append(_pressed(press, sensor, settings, rng))
         return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 

@@ -98,7 +98,7 @@ class SimulateSlides(ObjectStage):
     def process(self, unit: Unit, inputs: Inputs, settings: SlideSettings) -> Row:
         sensor, rows = pressed_sensor(settings), []
         for rng, draw in drawn_reliefs(unit, inputs["surfaces"], settings, self.name, settings.slides):
-            rows.append(first_that_fits(lambda draw=draw, rng=rng: _slide(draw, sensor, settings, rng)))
+            rows.append(first_that_fits(_slide, draw, sensor, settings, rng))
         return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 
 

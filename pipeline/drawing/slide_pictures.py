@@ -12,6 +12,8 @@ from PIL import Image
 
 from pipeline.console import visible
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
+from pipeline.store.shard import RowView, Shard
+from schemas.presses import PRESSED
 
 DRAWN = ("time", "tactile_image", "pressure", "shear", "slip", "force", "torque")  # quantities that an animation shows
 ARROWS = 16  # along an image's longer side
@@ -23,10 +25,24 @@ STICKS, SLIPS = 0.35, 1.0  # shades of the contact
 Touches = Mapping[str, np.ndarray]  # (steps, …) each, by the names `DRAWN`
 
 
+def are_drawable(shard: Shard) -> bool:
+    """Check that slides hold all that an animation shows."""
+    return all(shard.has(f"slide_{name}") for name in DRAWN)
+
+
+def first_slide(view: RowView) -> tuple[str, Touches]:
+    """Read the first slide of an object, after its title."""
+    position = view.shard.position[view.object_id]
+    shape, friction = (view.shard.read(f"slide_{name}", (position, 0)) for name in ("shape", "friction"))
+    touches = {name: np.asarray(view.shard.read(f"slide_{name}", (position, 0))) for name in DRAWN}
+    return f"{view.object_id}: {PRESSED[int(shape)]}, friction {float(friction):.2f}", touches
+
+
 def animate_slides(slides: Sequence[tuple[str, Touches]], sensor: Sensor) -> bytes:
     """Draw sequences of as many steps, with their titles, as a WebP: a row each, a step after the other as fast as the first's."""
     figure = Figure((3.5 * INCHES, INCHES * len(slides)), dpi=DPI, layout="constrained")
-    canvas, grid = FigureCanvasAgg(figure), figure.subplots(len(slides), 3, squeeze=False, width_ratios=(1, 1, 1.5))
+    canvas: Any = FigureCanvasAgg(figure)
+    grid = figure.subplots(len(slides), 3, squeeze=False, width_ratios=(1, 1, 1.5))
     shows = [show for row, (title, touches) in zip(grid, slides, strict=True) for show in _row(row, visible(title), touches, sensor)]
     time = slides[0][1]["time"]
     frames = []
@@ -36,7 +52,7 @@ def animate_slides(slides: Sequence[tuple[str, Touches]], sensor: Sensor) -> byt
         canvas.draw()
         if step == 0:
             figure.set_layout_engine("none")  # what is laid out once stays
-        frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy()))
+        frames.append(Image.fromarray(np.array(canvas.buffer_rgba())[..., :3]))
     buffer, pause = io.BytesIO(), round(1e3 * float(time[-1]) / max(len(time) - 1, 1))
     frames[0].save(buffer, "WEBP", save_all=True, append_images=frames[1:], duration=max(pause, 20), loop=0, quality=80, method=4)
     return buffer.getvalue()
@@ -60,7 +76,7 @@ def _field(axes: Axes, touches: Touches, sensor: Sensor) -> Callable[[int], None
     scale = longest / (1.5 * stride * MM * sensor.pitch[1])
     shown = axes.imshow(_contact(touches, 0), extent=(x[0], x[-1], y[-1], y[0]), **SHADES)
     arrows = axes.quiver(x[part], y[part], *np.moveaxis(moved[0], -1, 0), angles="xy", scale_units="xy", scale=scale, width=0.006)
-    axes.set_title(f"displacement up to {longest:.2g} mm; slip dark", fontsize=8)
+    axes.set_title(f"displacement up to {longest:.2g} mm; slip dark", fontsize=8, loc="left")
     axes.set(xticks=[], yticks=[])
 
     def show(step: int) -> None:
@@ -83,6 +99,7 @@ def _forces(axes: Axes, touches: Touches) -> Callable[[int], None]:
     axes.plot(time, 1e3 * touches["torque"], "--", label="torque, mN·m", lw=1.2)
     axes.legend(fontsize=6, loc="upper left", framealpha=0.6)
     axes.tick_params(labelsize=6)
+    axes.set_xlim(time[0], time[-1])
     axes.set_xlabel("time, s", fontsize=7)
     now = axes.axvline(time[0], color="0.5", lw=1)
     return lambda step: now.set_xdata([time[step], time[step]])

@@ -1,4 +1,4 @@
-"""Statistics of a dataset's grasps, beside Table 1 and section 1.6 of the supplement, and of the hold test."""
+"""Statistics of a dataset's grasps, beside Table 1 and section 1.6 of the supplement, of the hold test, and of slides."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,6 +15,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location
 from pipeline.tables.supplement_figures import PAPER, TABLE_1, TOUCHES_PER_GRASP
 from schemas.grasps import GRASPS
+from schemas.slides import SLIDES
 
 CONTACT_ARRAYS = ("contact_area", "opposition", "closure")
 HOLD_ARRAYS = ("held", "held_directions", "hold_distance", "hold_speed")
@@ -122,6 +123,26 @@ def touch_tables(touches: Touches) -> list[Table]:
 
 def _percent_row(name: str, shares: Sequence[float] | NDArray[np.float64]) -> Row:
     return Row([name, *(f"{share:.1f}" for share in shares)])
+
+
+def slide_tables(data: Location) -> list[Table]:
+    """Count the steps of slides by class, those not settled and those in gross slip; no table if there are no slides."""
+    if not (slides := DataDirectory(data).collection(SLIDES)).shards:
+        return []
+    stored = [name for name in ("slide_settled", "slide_gross_slip") if slides.first.has(name)]
+    rows, steps = ObjectRows(data, stored, split=None), dict[str, list[dict[str, np.ndarray]]]()
+    for object_id, category in zip(rows.object_ids, rows.categories, strict=True):
+        steps.setdefault(category, []).append({name: rows.read(name, object_id) for name in stored})
+    groups = dict(sorted(steps.items())) | {TOTAL: [one for members in steps.values() for one in members]}
+    columns: Columns = {
+        "objects": ("", len),
+        "slides": ("", lambda members: sum(len(one["slide_settled"]) for one in members)),
+        "steps": ("", lambda members: sum(one["slide_settled"].size for one in members)),
+        "steps not settled": ("", lambda members: sum(int((~one["slide_settled"]).sum()) for one in members)),
+    }
+    if "slide_gross_slip" in stored:
+        columns["% of steps in gross slip"] = (".1f", lambda members: 100 * float(np.mean([one["slide_gross_slip"] for one in members])))
+    return [tabulate("Slides", "class", groups, columns)]
 
 
 def hold_tables(touches: Touches) -> list[Table]:

@@ -7,6 +7,7 @@ moves over an object meets a relief per step; a press is a path of one step.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -101,14 +102,14 @@ def random_press(
     >>> image = tactile_image(press.depth, sensor)
     """
     names, limits = tuple(map(known_shape, shapes or SHAPES)), ranges or PressRanges()
-    return first_that_fits(lambda: press_drawn(draw_shape(sensor, rng, limits, shapes=names), sensor))
+    return first_that_fits(press_drawn, partial(draw_shape, shapes=names), sensor, rng, limits)
 
 
-def first_that_fits(draw: Callable[[], T]) -> T:
+def first_that_fits(draw: Callable[..., T], *arguments: object) -> T:
     """Draw something that is pressed until the sensor can be pressed so, up to `ATTEMPTS` times."""
     for _ in range(ATTEMPTS):
         try:
-            return draw()
+            return draw(*arguments)
         except InvalidInput as error:  # at the rim or on a thin part: between the pixels, or where the gel is thin
             refused = error
     raise InvalidInput(
@@ -116,8 +117,9 @@ def first_that_fits(draw: Callable[[], T]) -> T:
     )
 
 
-def press_drawn(relief: Relief, sensor: Sensor) -> Press:
-    """Press what was drawn to its depth."""
+def press_drawn(draw: Callable[..., Relief], sensor: Sensor, rng: np.random.Generator, ranges: PressRanges) -> Press:
+    """Press what `draw_shape` or `draw_patch` draws, to its depth."""
+    relief = draw(sensor, rng, ranges)
     return Press(relief.shape, press_relief(relief.heights[0], sensor, relief.depth))
 
 
