@@ -20,7 +20,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files
 from pipeline.kernels.touch.elastic_contact import check_layer
 from pipeline.kernels.touch.lift import freed_object, lift_object
-from pipeline.kernels.touch.sensor import Friction, Sensor
+from pipeline.kernels.touch.sensor import Friction, Sensor, beyond_ranges
 from pipeline.kernels.touch.sliding import CHOSEN, Quantity, known_friction, measure_steps, stored_quantities
 from pipeline.store.directory import DataDirectory
 from pipeline.store.rows import Row
@@ -140,24 +140,24 @@ class SimulateTouch(ObjectStage):
         """Describe each finger's sensor, for readers of the arrays: `width`, `w`, `range` and the rest."""
         return {"sensors": [sensor.model_dump(mode="json") for sensor in load_worn_sensors(settings.sensors or ())]}
 
+    def describe_shard(self, settings: TouchSettings, shard: Shard) -> Iterator[str]:
+        """Count the touches that are deeper than the gel's layer, or than what its colours were fitted to."""
+        if not shard.has("indentation"):
+            return
+        indentation = shard.read("indentation")[shard.read("ok")]
+        touches = pluralise(int((indentation > 0).sum()), "touch")
+        ranges = ("elastic layer: forces there are too small", "calibration: colours there are those of its deepest contact")
+        for deeper, what in zip(beyond_ranges(indentation, sensors_of(shard)), ranges, strict=True):
+            if deeper.any():
+                yield f"{deeper.sum()} of {touches}, up to {1e3 * indentation[deeper].max():.2f} mm deep, beyond the gel's {what}"
+        if settings.sequence is not None:
+            yield from _describe_lifts(shard)
+
     def cost(self, settings: TouchSettings) -> Cost:
         """Estimate five grasps of four sensors."""
         lift = 0.0 if settings.sequence is None else settings.lift_steps / 32
         seconds, kilobytes = 0.03 if settings.tracer == "ray" else 0.7, 1600 if settings.store_points else 600
         return Cost(seconds=seconds + 20 * lift, kilobytes=kilobytes + 20_000 * lift)
-
-    def describe_shard(self, settings: TouchSettings, shard: Shard) -> Iterator[str]:
-        """Count the lifts at whose end the object rests on the gels, or has slipped out, and those that did not settle."""
-        if settings.sequence is None or not (ok := shard.read("ok")).any():
-            return
-        held, settled = shard.read("lift_held")[ok][..., -1], shard.read("lift_settled")[ok]
-        rest = held & (shard.read("lift_imbalance")[ok][..., -1] <= AT_REST * shard.read("lift_weight")[ok][..., -1])
-        yield (
-            f"{rest.sum()} of {pluralise(held.size, 'lift')} end at rest, gels and weight balanced to {100 * AT_REST:g} %; in "
-            f"{(~held).sum()} the object slips out"
-        )
-        if not settled.all():
-            yield f"{(~settled).sum()} of {pluralise(settled.size, 'step')} did not settle (lift_settled): do not rely on their shear"
 
     @contextmanager
     def session(self, settings: TouchSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
@@ -181,6 +181,18 @@ class SimulateTouch(ObjectStage):
         yield process
 
 
+def _describe_lifts(shard: Shard) -> Iterator[str]:
+    """Count the lifts at whose end the object rests on the gels, or has slipped out, and the steps that did not settle."""
+    held, weight, imbalance, settled = (shard.read(f"lift_{name}")[shard.read("ok")] for name in ("held", "weight", "imbalance", "settled"))
+    rest = held[..., -1] & (imbalance[..., -1] <= AT_REST * weight[..., -1])
+    yield (
+        f"{rest.sum()} of {pluralise(rest.size, 'lift')} end at rest, gels and weight balanced to {100 * AT_REST:g} %; in "
+        f"{(~held[..., -1]).sum()} the object slips out"
+    )
+    if not settled.all():
+        yield f"{(~settled).sum()} of {pluralise(settled.size, 'step')} did not settle (lift_settled): do not rely on their shear"
+
+
 def _touch(
     faces: "BoxedFaces",
     pose: np.ndarray,  # (4, 4) sensor to world, m
@@ -189,7 +201,7 @@ def _touch(
     rng: np.random.Generator | None,
 ) -> Row:
     """Compute one sensor's arrays; tactile image and local points follow from the depth as it is stored."""
-    from pipeline.kernels.touch.depth_maps import local_points, normal_force, press_gel
+    from pipeline.kernels.touch.depth_maps import impression, local_points, normal_force, press_gel
     from pipeline.kernels.touch.tactile_image import render_gel
 
     depth = _depth(faces, settings, pose, sensor)
@@ -197,6 +209,7 @@ def _touch(
     row: Row = {"depth": depth, "tactile_image": render_gel(gel.indentation, sensor, rng)}
     if gel.pressure is not None:
         row |= {"pressure": gel.pressure.astype(np.float32), "force": np.array(normal_force(gel.pressure, sensor), np.float32)}
+        row["indentation"] = np.array(impression(depth, sensor).max(), np.float32)
     if settings.store_points:
         points, count = local_points(depth, pose, sensor)
         row |= {"local_points": points, "local_count": np.asarray(count)}

@@ -187,13 +187,14 @@ class HandPhysics:
 
     def __init__(self, hand: Hand, sensors: Sequence[Sensor] = ()) -> None:
         self.hand, self.sensors = hand, sensors
+        self.elastic = any(sensor.gel is not None for sensor in sensors)
         self._opened = ExitStack()
         self._open()
 
     def _open(self) -> None:
         self.client = PhysicsClient()
         self._opened.callback(lambda: self.client.disconnect())  # reading the attribute here would make the client forget its number
-        self._urdf = write_hand_urdf(self.hand, self._opened.enter_context(temporary_folder()), self.sensors)
+        self._urdf = write_hand_urdf(self.hand, self._opened.enter_context(temporary_folder()), self.sensors, rotors=self.elastic)
         self._body: HandBody
 
     def __enter__(self) -> Self:

@@ -133,6 +133,7 @@ class GraspReader:
                     f"fingers still move after {steps} steps (read-grasps.settle_steps): does `vt-pipeline check` of the hand file name "
                     "links that overlap?"
                 )
+            grasp = self.measured.closed(pose, start, grasp)
         attempt = self.measured.measure(pose, grasp if start is None else start, grasp, squeeze)
         if attempt.fault:
             raise InvalidInput(f"{attempt.fault}: {1e3 * attempt.penetration:.1f} mm; is read-grasps.root right for this hand?")

@@ -104,6 +104,7 @@ class GraspSearch(MeasuredGrasps):
         hand, settings = self.hand.hand, self.settings
         start = self._pregrasp(pose, target)
         angles, rests = self.physics.settle(pose, start, target, max_steps=settings.settle_steps, resting_speed=RESTING_SPEED)
+        angles = self.closed(pose, start, angles)
         attempt = self.measure(pose, start, angles)
         fault = attempt.fault
         if not rests:
