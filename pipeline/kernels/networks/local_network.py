@@ -14,6 +14,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits, interpolate, s
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import check_shape
+from pipeline.kernels.networks.motion_network import MotionNetwork
 from pipeline.kernels.tensors import COLOURS
 from pipeline.kernels.touch.calibrated_shading import polynomial_terms
 
@@ -81,10 +82,10 @@ class LocalNetwork(nn.Module):
     """Convolutions of 3 × 3, 3 × 3 dilated by 2, and 1 × 1 twice give slopes; their integral is the depth.
 
     The gel around an object is drawn in too: separate convolutions find the contact in depth and slopes. `width` counts the features of
-    the hidden layers; 20 make 6,500 parameters, 26 kB.
+    the hidden layers; 20 make 6,500 parameters, 26 kB. With `reads_motion` it has a `MotionNetwork` beside.
     """
 
-    def __init__(self, width: int = 20) -> None:
+    def __init__(self, width: int = 20, *, reads_motion: bool = False) -> None:
         super().__init__()
         self.width = width
         self.colours = nn.Sequential(
@@ -100,6 +101,7 @@ class LocalNetwork(nn.Module):
             *(nn.Conv2d(hidden, hidden, 3, padding=4, dilation=4), nn.ReLU(inplace=True)),
             nn.Conv2d(hidden, 1, 1),
         )
+        self.motion = MotionNetwork() if reads_motion else None
         nn.Module.to(self, memory_format=torch.channels_last)  # type: ignore[call-overload]  # on a CPU three times as fast with so few features
 
     def forward(
