@@ -69,7 +69,7 @@ TOUCH = Artifact(
             "object grasp step",
             "bool",
             "1",
-            "False from the step in which the object moves by more than the gel's thickness: it has slipped out, and nothing touches.",
+            "False from the step in which no gel touches the object, or it moves over one by more than its thickness: then it is gone.",
             optional=True,
         ),
     },

@@ -248,7 +248,7 @@ def _lift(
     quantities = stored_quantities(settings.lift_store, sensors)
     rngs = [None if sensor.noise == "none" else unit.rng("lift", grasp, finger) for finger, sensor in enumerate(sensors)]
     touches, steps = [], []
-    for step in lift_object(body, poses, sensors, friction, steps=settings.lift_steps, rate=settings.lift_rate):
+    for step in lift_object(body, list(poses), sensors, friction, steps=settings.lift_steps, rate=settings.lift_rate):
         touches.append([measure_steps([touch], quantities, rng) for touch, rng in zip(step.touches, rngs, strict=True)])
         steps.append(step._replace(touches=()))
     by_sensor = list(zip(*touches, strict=True))

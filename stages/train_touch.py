@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -14,7 +14,7 @@ from pipeline.engine.stage import Cost, DatasetJob
 from pipeline.kernels.touch.sensor import MM
 from pipeline.rng import seeded_weights
 from pipeline.training.learner import Learner
-from pipeline.training.presses import Presses, SimulatedPress, stored_presses, stored_slides
+from pipeline.training.presses import Motion, Presses, SimulatedPress, stored_presses, stored_slides
 from pipeline.training.settings import Schedule, TrainingSettings
 from pipeline.training.training_stage import Training
 from schemas.base import Artifact
@@ -75,18 +75,24 @@ class TouchTrainingSettings(TrainingSettings):
     )
 
 
+class Moved(NamedTuple):
+    """Whole images of some steps of slides, and how the gel has moved."""
+
+    image: Tensor  # (B, 3, rows, cols) change of colours, levels
+    before: Tensor  # (B, 3, rows, cols) the same one step before
+    shear: Tensor  # (B, 2, h, w) mm, mean of a cell, true
+    slips: Tensor  # (B, h, w) share of a cell that slips, true
+    force: Tensor  # (B, 3) N, true
+
+
 class Windows(NamedTuple):
-    """Windows of some presses; of slides, also the whole images and their motion, averaged over cells."""
+    """Windows of some presses, or steps of slides."""
 
     change: Tensor  # (B, 3, H, W) change of colours, levels
     position: Tensor  # (B, 2, H, W)
     depth: Tensor  # (B, H, W) mm, true
     contact: Tensor  # (B, H, W) bool, true
-    image: Tensor | None = None  # (B, 3, rows, cols) change of colours, levels
-    before: Tensor | None = None  # (B, 3, rows, cols) the same one step before
-    shear: Tensor | None = None  # (B, 2, h, w) mm, true
-    slips: Tensor | None = None  # (B, h, w) share that slips, true
-    force: Tensor | None = None  # (B, 3) N, true
+    moved: Moved | None = None
 
 
 class PressLearner(Learner):
@@ -110,7 +116,7 @@ class PressLearner(Learner):
         change = torch.from_numpy(press.image.astype(np.float32) - presses.untouched).permute(2, 0, 1)
         depth, contact = torch.from_numpy(MM * press.indentation), torch.from_numpy(press.contact.copy())
         if press.motion is not None:
-            return self._slide_window(presses, press, Windows(change, position, depth, contact), generator)
+            return self._slide_window(presses, press, press.motion, Windows(change, position, depth, contact), generator)
         if generator is None:
             return Windows(change, position, depth, contact)
         rows, cols = self._draw_window(press.contact, generator)
@@ -118,24 +124,27 @@ class PressLearner(Learner):
         varied = vary_change(change[:, rows, cols], depth, self.settings, generator)
         return Windows(varied, position[:, rows, cols], depth, contact[rows, cols])
 
-    def _slide_window(self, presses: Presses, press: SimulatedPress, whole: Windows, generator: torch.Generator | None) -> Windows:
+    def _slide_window(
+        self, presses: Presses, press: SimulatedPress, motion: Motion, whole: Windows, generator: torch.Generator | None
+    ) -> Windows:
         """Vary a step and the one before alike, but for noise; take a window for depth, and the whole for the motion."""
         import torch
 
         from pipeline.kernels.networks.motion_network import in_cells
 
-        change, motion = whole.change, press.motion
         before = torch.from_numpy(motion.before.astype(np.float32) - presses.untouched).permute(2, 0, 1)
         shear = in_cells(torch.from_numpy(MM * motion.shear).permute(2, 0, 1))
         slips = in_cells(torch.from_numpy(motion.slip.any(axis=-1).astype(np.float32))[None])[0]
-        rows = cols = slice(None)
-        if generator is not None:
-            again = generator.clone_state()
-            change, before = (vary_change(part, whole.depth, self.settings, rng) for part, rng in ((change, generator), (before, again)))
-            before = before + self.settings.image_noise * torch.randn(before.shape, generator=generator, dtype=torch.float32)
-            rows, cols = self._draw_window(press.contact, generator)
-        window = [change[:, rows, cols], whole.position[:, rows, cols], whole.depth[rows, cols], whole.contact[rows, cols]]
-        return Windows(*window, change, before, shear, slips, torch.from_numpy(motion.force.copy()))
+        force = torch.from_numpy(motion.force.copy())
+        if generator is None:
+            return whole._replace(moved=Moved(whole.change, before, shear, slips, force))
+        again = generator.clone_state()
+        change = vary_change(whole.change, whole.depth, self.settings, generator)
+        before = vary_change(before, whole.depth, self.settings, again)
+        before = before + self.settings.image_noise * torch.randn(before.shape, generator=generator, dtype=torch.float32)
+        rows, cols = self._draw_window(press.contact, generator)
+        window = (change[:, rows, cols], whole.position[:, rows, cols], whole.depth[rows, cols], whole.contact[rows, cols])
+        return Windows(*window, moved=Moved(change, before, shear, slips, force))
 
     def _draw_window(self, contact: np.ndarray, generator: torch.Generator) -> tuple[slice, ...]:
         """Draw a window's rows and columns, given the contact (rows, cols)."""
@@ -158,15 +167,15 @@ class PressLearner(Learner):
 
     def validate(self, network: nn.Module) -> dict[str, float]:
         """Compute the loss over the validation presses, and mean errors over all pixels, µm, and of forces, N; none chooses an epoch."""
-        loss, errors = 0.0, Counter[str]()
+        loss, errors = 0.0, defaultdict[str, float](float)
         for items in self.validation_batches():
             windows = _stacked([self._window(self.valid, item, None) for item in items])
             shape, mean, motion = self._compare(network, windows, uncropped=True)
             loss += len(items) * float(mean)
             errors["depth_error_um"] += len(items) * 1e3 * float((shape.depth.cpu() - windows.depth).abs().mean())
-            if motion is not None:
-                errors["shear_error_um"] += len(items) * 1e3 * float((motion.shear.cpu() - windows.shear).abs().mean())
-                errors["force_error_n"] += len(items) * float((motion.force.cpu() - windows.force).abs().mean())
+            if windows.moved is not None and motion is not None:
+                errors["shear_error_um"] += len(items) * 1e3 * float((motion.shear.cpu() - windows.moved.shear).abs().mean())
+                errors["force_error_n"] += len(items) * float((motion.force.cpu() - windows.moved.force).abs().mean())
         return {name: total / len(self.valid) for name, total in {"loss": loss, **errors}.items()}
 
     def _compare(self, network: nn.Module, windows: Windows, *, uncropped: bool) -> tuple[LocalShape, Tensor, GelMotion | None]:
@@ -179,9 +188,9 @@ class PressLearner(Learner):
         depth, contact = windows.depth.to(parameter), windows.contact.to(parameter.device)
         shape = network(windows.change.to(parameter), windows.position.to(parameter), pitch, None if uncropped else depth)
         loss, motion = local_loss(shape, depth, contact, pitch), None
-        if windows.image is not None:
-            image, before, shear, slips, force = (part.to(parameter) for part in windows[4:])
-            motion = network.motion(image, before, pixel_positions(*sensor.shape).to(parameter))
+        if windows.moved is not None:
+            image, before, shear, slips, force = (part.to(parameter) for part in windows.moved)
+            motion = network.get_submodule("motion")(image, before, pixel_positions(*sensor.shape).to(parameter))
             loss = loss + motion_loss(motion, GelMotion(shear, slips, force))
         return shape, loss, motion
 
@@ -189,7 +198,9 @@ class PressLearner(Learner):
 def _stacked(windows: Sequence[Windows]) -> Windows:
     import torch
 
-    return Windows(*(None if parts[0] is None else torch.stack(parts) for parts in zip(*windows, strict=True)))
+    maps = [torch.stack(parts) for parts in zip(*(window[:4] for window in windows), strict=True)]
+    moved = [window.moved for window in windows if window.moved is not None]
+    return Windows(maps[0], maps[1], maps[2], maps[3], Moved(*map(torch.stack, zip(*moved, strict=True))) if moved else None)
 
 
 def train_local_network(

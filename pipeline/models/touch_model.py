@@ -191,7 +191,7 @@ class LocalTouchModel(TouchModel):
             untouched_levels = self._resized(self.untouched if untouched is None else untouched, parameter)
             change = without_drift(self._resized(images, parameter) - untouched_levels)
             before = torch.cat([change[:1], change[:-1]])
-            parts = zip(change.split(IMAGES_AT_ONCE), before.split(IMAGES_AT_ONCE), strict=True)
+            parts = zip(torch.split(change, IMAGES_AT_ONCE), torch.split(before, IMAGES_AT_ONCE), strict=True)
             shear, slips, force = (torch.cat(read) for read in zip(*(self.network.motion(*part, position) for part in parts), strict=True))
             maps = torch.cat([shear / MM, slips.sigmoid()[:, None]], dim=1)
             maps = interpolate(maps, size=images.shape[1:3], mode="bilinear").cpu().float()

@@ -62,7 +62,8 @@ def stored_presses(data: Location, split: str, *, cache_megabytes: float = CACHE
 
 def _read_press(rows: ObjectRows, item: int) -> SimulatedPress:
     number, press = divmod(item, rows.size("press_image", "press"))
-    return SimulatedPress(*(rows.read(array, rows.object_ids[number], press) for array in ARRAYS[:3]))
+    image, indentation, contact = (rows.read(array, rows.object_ids[number], press) for array in ARRAYS[:3])
+    return SimulatedPress(image, indentation, contact)
 
 
 def stored_slides(data: Location, split: str, *, cache_megabytes: float = CACHE_MEGABYTES) -> Presses:

@@ -43,7 +43,7 @@ class LiftStep(NamedTuple):
     touches: Sequence[SlideStep]  # of each sensor
     weight: float  # N, that is on the gels
     imbalance: float  # N, of the sum of weight and gels' forces: it accelerates the object, and vanishes when it rests
-    held: bool  # False from the step in which the object moves by more than a gel's thickness: it is gone then
+    held: bool  # False from the step in which no gel touches the object any more, or it moves by more than one's thickness: it is gone
     settled: bool = True  # whether the balance was found
 
 
@@ -87,12 +87,14 @@ def lift_object(
                 motion, last, jacobian = _solve(balance, momentum / (body.mass * rate), jacobian, tolerance)
                 momentum = body.mass * rate * motion
             except _Lost:
+                last = last._replace(touches=gone)
+            if not any(touch.gel.contact.any() for touch in last.touches):
                 last = LiftStep(last.pose, gone, weight, 0.0, False)
         yield last if last.held else last._replace(weight=weight, imbalance=weight)
 
 
 class _Lost(Exception):
-    """Raised where an object moves by more than the thickness of a gel in one step: it slips out."""
+    """Raised where an object moves over a gel by more than its thickness in one step: it slips out."""
 
 
 def _balance(
@@ -107,14 +109,12 @@ def _balance(
     inertia: float,  # N/m
 ) -> tuple[Array, LiftStep]:
     """Move an object, and add up the forces on it and, over its radius of gyration, their torques, (6,) N: 0 for its motion."""
-    if length(motion[:3]) > min(touch.sensor.layer_thickness for touch in last.touches):
-        raise _Lost
     pose = _moved(motion, last.pose, body)
     try:
         touches = [_touch(body, pose, *seen) for seen in zip(poses, last.touches, friction, strict=True)]
-    except InvalidInput as error:  # it turns too far
+    except InvalidInput as error:  # it moves over a gel by more than its thickness
         raise _Lost from error
-    force = -sum(_wrench(*seen, _centre(pose, body), body.gyration) for seen in zip(touches, poses, strict=True))
+    force = -np.sum([_wrench(*seen, _centre(pose, body), body.gyration) for seen in zip(touches, poses, strict=True)], axis=0)
     force[2] -= weight
     return force + push - inertia * motion, LiftStep(pose, touches, weight, float(length(force[:3])), True)
 
