@@ -89,7 +89,7 @@ def write_grasp(data: Location, object_id: str, grasp: int, folder: Path) -> Pat
     _save(folder / "seen.png", photograph)
     _save(folder / "hand.png", 255 * hand.astype(np.uint8))
     _save(folder / "mask.png", 255 * (drawn & ~hand).astype(np.uint8))
-    matrix = rows.read("projection", object_id)[0]
+    matrix = rows.read("projection", object_id, camera=0)[1 + grasp]
     depth = np.where(labels == Label.HAND, 0, _object_depth(data, object_id, matrix, labels.shape))
     _save(folder / "depth.png", np.rint(1e3 * depth).astype(np.uint16))
     untouched = rows.read("untouched", object_id)[0]

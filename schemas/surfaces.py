@@ -27,7 +27,7 @@ SURFACES = Artifact(
             "object",
             "float64",
             "m",
-            "Unit of the file where real sizes are kept; 0 where the object was scaled to one size.",
+            "Unit of the file where objects have sizes of their own; 0 where all were scaled to one size.",
         ),
         "watertight": Array("object", "bool", "1", "Every edge of the mesh has two faces."),
         "degenerate_faces": Array("object", "int32", "1", "Faces without area that the gate removed."),

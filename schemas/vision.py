@@ -6,7 +6,7 @@ VISION = Artifact(
     name="vision",
     stage="render-vision",
     order=2,
-    version=5,
+    version=6,
     summary="Images of every object alone and in every grasp from each camera of the scene, with what each pixel shows.",
     arrays={
         **coordinates("grasp"),
@@ -36,11 +36,11 @@ VISION = Artifact(
             optional=True,
         ),
         "projection": Array(
-            "object camera image_axis homogeneous",
+            "object view camera image_axis homogeneous",
             "float64",
             "pixel; pixel / m",
             "Projection of homogeneous world points, m, to (column, row, 1) times depth; pixel centres at 1/2. "
-            "Cameras stand where the scene has them, and are zoomed to each object.",
+            "Cameras are where the scene has or draws them, and are zoomed to each object.",
         ),
     },
 )

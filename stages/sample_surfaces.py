@@ -14,7 +14,9 @@ from pipeline.dataset.object_rows import paired_rows
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Trade, Unit
 from pipeline.formats.file_content import is_pointer_file
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, CleaningReport, clean_mesh, normalise_mesh
+from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, CleaningReport, bounding_diagonal, clean_mesh, normalise_mesh
+from pipeline.kernels.geometry.transforms import length
+from pipeline.rng import numpy_rng
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
 from schemas.surfaces import SURFACES
@@ -48,7 +50,8 @@ class SampleSurfaces(ObjectStage):
 
     def describe_objects(self, settings: SurfaceSettings, objects: Sequence[Object]) -> Iterator[str]:
         """Report files without units, which are scaled to one size, and warn if others have units and are not scaled."""
-        files = [item for item in objects if "file" in item.source and not is_pointer_file(Path(item.source["file"]))]
+        unsized = [item for item in objects if "file" in item.source and "diagonals" not in item.source]
+        files = [item for item in unsized if not is_pointer_file(Path(item.source["file"]))]
         sized = [item.object_id for item in files if item.source.get("metres_per_unit") is not None]
         if unitless := len(files) - len(sized):
             yield (
@@ -84,7 +87,7 @@ class SampleSurfaces(ObjectStage):
             "source_file": np.array(file),
             "source_sha256": np.array(sha256),
             "licence": np.array(source.get("licence", "")),
-            "metres_per_unit": np.array(source.get("metres_per_unit") or 0.0),
+            "metres_per_unit": np.array(length(placement[:3, 0]) if "diagonals" in source else source.get("metres_per_unit") or 0.0),
             "unread": np.array("\n".join(mesh.unread)),
             "watertight": np.array(report.watertight),
             "degenerate_faces": np.array(report.degenerate_faces, np.int32),
@@ -108,8 +111,21 @@ def normalised_mesh(
 
     read = load_mesh(Path(source["file"]), Path(source["root"])) if "file" in source else modelled(source).mesh(source)
     mesh, report = clean_mesh(read, settings.max_faces)
+    unit, diagonal = _size(source, mesh, settings)
+    return *normalise_mesh(mesh, up=source.get("up", "z"), diagonal=diagonal, metres_per_unit=unit), report
+
+
+def _size(source: Mapping[str, Any], mesh: Mesh, settings: SurfaceSettings) -> tuple[float | None, float]:
+    """Choose the scale that keeps an object's real size, if it is known and wanted; and the diagonal, m, that counts without one."""
     unit = source.get("metres_per_unit")
-    return *normalise_mesh(mesh, up=source.get("up", "z"), diagonal=settings.diagonal, metres_per_unit=unit), report
+    if "diagonals" not in source:
+        return unit, settings.diagonal
+    low, high = source["diagonals"]
+    unit = unit if "file" in source else unit or 1.0
+    if unit is not None and low <= unit * bounding_diagonal(mesh.vertices) <= high:
+        return unit, settings.diagonal
+    share = numpy_rng(0, "diagonal", identity(source)).random()
+    return None, float(low * (high / low) ** share)
 
 
 def coverage(data: Path, reference: Path) -> dict[str, float]:

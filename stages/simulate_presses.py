@@ -1,6 +1,7 @@
 """`simulate-presses`: the images of random shapes, and of patches of each object, that are pressed into a gel without a hand."""
 
-from collections.abc import Callable, Iterator, Mapping
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,7 +18,6 @@ from pipeline.kernels.touch.depth_maps import normal_force, press_gel, quantise_
 from pipeline.kernels.touch.elastic_contact import check_layer
 from pipeline.kernels.touch.press_shapes import (
     SHAPES,
-    Press,
     PressRanges,
     Relief,
     draw_patch,
@@ -30,7 +30,6 @@ from pipeline.kernels.touch.ray_depth import box_faces
 from pipeline.kernels.touch.sensor import MAX_PIXELS_PER_SIDE, Sensor, resample_longer_side
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.store.rows import Row
-from pipeline.store.shard import RowView
 from schemas.base import Artifact
 from schemas.presses import PRESSED, PRESSES
 from schemas.surfaces import SURFACES
@@ -87,19 +86,44 @@ class PressSettings(GelSettings):
     )
 
 
-class SimulatePresses(ObjectStage):
+class PressingStage(ObjectStage):
+    """A stage that presses shapes and patches of each object into a gel without a hand."""
+
+    def inputs(self, settings: GelSettings) -> tuple[Artifact, ...]:
+        return (SURFACES,)
+
+    def assets(self, settings: GelSettings) -> list[Path]:
+        return sensor_files([settings.sensor])
+
+    def attributes(self, settings: GelSettings) -> dict[str, Any]:
+        """Describe the sensor with the pixels of the images, as `simulate-touch` does those of the fingers."""
+        return {"sensors": [pressed_sensor(settings).model_dump(mode="json")]}
+
+    @abstractmethod
+    def count(self, settings: Any) -> int:
+        """Return the number of presses or slides per object."""
+
+    @abstractmethod
+    def draw(self, draw: Callable[..., Relief], sensor: Sensor, settings: Any, rng: np.random.Generator) -> Row:
+        """Press what `draw` draws, `draw_patch` of the object or `draw_shape`, and compute its arrays."""
+
+    def process(self, unit: Unit, inputs: Inputs, settings: GelSettings) -> Row:
+        view, sensor, rows = inputs["surfaces"], pressed_sensor(settings), []
+        patch = partial(draw_patch, box_faces(read_mesh(view).triangles), view["points"], view["normals"])
+        shape = partial(draw_shape, shapes=settings.shapes)
+        for number in range(self.count(settings)):
+            rng = unit.rng(self.name, number)
+            rows.append(self.draw(patch if rng.random() < settings.patches else shape, sensor, settings, rng))
+        return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+
+
+class SimulatePresses(PressingStage):
     """Press random shapes, and patches of each object, into a sensor's gel."""
 
     name = "simulate-presses"
     summary = "Press random shapes, and patches of every object, into a gel without a hand: for networks that read photographs."
     output = PRESSES
     settings_type = PressSettings
-
-    def inputs(self, settings: PressSettings) -> tuple[Artifact, ...]:
-        return (SURFACES,)
-
-    def assets(self, settings: PressSettings) -> list[Path]:
-        return sensor_files([settings.sensor])
 
     def check_inputs(self, settings: PressSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
         """Check that the gel is thicker than the deepest press and the cells of its contact, and that it has what `gel` scales."""
@@ -113,21 +137,33 @@ class SimulatePresses(ObjectStage):
         """Render the sensor with nothing in its gel."""
         return {"press_untouched": untouched_image(pressed_sensor(settings))}
 
-    def attributes(self, settings: PressSettings) -> dict[str, Any]:
-        """Describe the sensor with the pixels of the images, as `simulate-touch` does those of the fingers."""
-        return {"sensors": [pressed_sensor(settings).model_dump(mode="json")]}
-
     def cost(self, settings: PressSettings) -> Cost:
         share = ((settings.pixels or 640) / 160) ** 2 * settings.presses
         return Cost(seconds=0.006 * share, kilobytes=60 * share)
 
-    def process(self, unit: Unit, inputs: Inputs, settings: PressSettings) -> Row:
-        sensor, ranges = pressed_sensor(settings), PressRanges(settings.size, settings.depth)
-        rows = []
-        for rng, draw in drawn_reliefs(unit, inputs["surfaces"], settings, self.name, settings.presses):
-            press = first_that_fits(press_drawn, draw, sensor, rng, ranges)
-            rows.append(_pressed(press, sensor, settings, rng))
-        return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+    def count(self, settings: PressSettings) -> int:
+        return settings.presses
+
+    def draw(self, draw: Callable[..., Relief], sensor: Sensor, settings: PressSettings, rng: np.random.Generator) -> Row:
+        """Compute the arrays of one press, from the depth as it is stored."""
+        press = first_that_fits(press_drawn, draw, sensor, rng, PressRanges(settings.size, settings.depth))
+        if settings.gel is not None:
+            sensor = scaled_gel(sensor, rng.uniform(*settings.gel))
+        depth = quantise_depth(press.depth, sensor, gel_bits=GEL_BITS, far_bits=FAR_BITS)
+        gel = press_gel(depth, sensor)
+        row: Row = {
+            "press_shape": np.array(PRESSED.index(press.shape), np.uint8),
+            "press_depth": depth,
+            "press_indentation": gel.indentation.astype(np.float32),
+            "press_contact": gel.contact,
+            "press_image": render_gel(gel.indentation, sensor, rng),
+        }
+        if gel.pressure is not None:
+            row |= {
+                "press_pressure": gel.pressure.astype(np.float32),
+                "press_force": np.array(normal_force(gel.pressure, sensor), np.float32),
+            }
+        return row
 
 
 def pressed_sensor(settings: GelSettings) -> Sensor:
@@ -136,32 +172,3 @@ def pressed_sensor(settings: GelSettings) -> Sensor:
     if settings.depth[1] >= sensor.w:
         raise InvalidInput(f"depth goes to {settings.depth[1]} m, the gel of {sensor.name} is {sensor.w} m thick; press less deep")
     return sensor if settings.pixels is None else resample_longer_side(sensor, settings.pixels)
-
-
-def drawn_reliefs(
-    unit: Unit, surfaces: RowView, settings: GelSettings, stage: str, count: int
-) -> Iterator[tuple[np.random.Generator, Callable[..., Relief]]]:
-    """Yield a generator and what draws a relief with it, `draw_patch` of the object or `draw_shape`, `count` times."""
-    patch = partial(draw_patch, box_faces(read_mesh(surfaces).triangles), surfaces["points"], surfaces["normals"])
-    shape = partial(draw_shape, shapes=settings.shapes)
-    for number in range(count):
-        rng = unit.rng(stage, number)
-        yield rng, patch if rng.random() < settings.patches else shape
-
-
-def _pressed(press: Press, sensor: Sensor, settings: PressSettings, rng: np.random.Generator) -> Row:
-    """Compute the arrays of one press, from the depth as it is stored."""
-    if settings.gel is not None:
-        sensor = scaled_gel(sensor, rng.uniform(*settings.gel))
-    depth = quantise_depth(press.depth, sensor, gel_bits=GEL_BITS, far_bits=FAR_BITS)
-    gel = press_gel(depth, sensor)
-    row: Row = {
-        "press_shape": np.array(PRESSED.index(press.shape), np.uint8),
-        "press_depth": depth,
-        "press_indentation": gel.indentation.astype(np.float32),
-        "press_contact": gel.contact,
-        "press_image": render_gel(gel.indentation, sensor, rng),
-    }
-    if gel.pressure is not None:
-        row |= {"press_pressure": gel.pressure.astype(np.float32), "press_force": np.array(normal_force(gel.pressure, sensor), np.float32)}
-    return row

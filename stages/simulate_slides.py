@@ -1,7 +1,7 @@
 """`simulate-slides`: shapes, and patches of each object, that are pressed into a gel, slid, twisted and lifted off: shear, slip, forces."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -9,9 +9,8 @@ from pydantic import AfterValidator
 
 from pipeline.config.settings import setting
 from pipeline.console import pluralise
-from pipeline.engine.stage import Cost, Inputs, ObjectStage, Unit
+from pipeline.engine.stage import Cost
 from pipeline.errors import InvalidInput
-from pipeline.formats.sensor_file import sensor_files
 from pipeline.kernels.touch.depth_maps import quantise_depth
 from pipeline.kernels.touch.elastic_contact import check_layer
 from pipeline.kernels.touch.press_shapes import PressRanges, Relief, first_that_fits
@@ -20,12 +19,10 @@ from pipeline.kernels.touch.slide_paths import CLEARANCE, PathRanges, draw_path,
 from pipeline.kernels.touch.sliding import CHOSEN, Quantity, known_friction, measure_steps, resting_image, slide_gel, stored_quantities
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
-from schemas.base import Artifact
 from schemas.presses import PRESSED
 from schemas.sequences import ALWAYS
 from schemas.slides import SLIDES
-from schemas.surfaces import SURFACES
-from stages.simulate_presses import FAR_BITS, GEL_BITS, GelSettings, Range, drawn_reliefs, pressed_sensor, rising
+from stages.simulate_presses import FAR_BITS, GEL_BITS, GelSettings, PressingStage, Range, pressed_sensor, rising
 
 
 class SlideSettings(GelSettings):
@@ -50,7 +47,7 @@ class SlideSettings(GelSettings):
     )
 
 
-class SimulateSlides(ObjectStage):
+class SimulateSlides(PressingStage):
     """Press random shapes, and patches of each object, into a sensor's gel, slide and twist them, and lift off."""
 
     name = "simulate-slides"
@@ -58,14 +55,8 @@ class SimulateSlides(ObjectStage):
     output = SLIDES
     settings_type = SlideSettings
 
-    def inputs(self, settings: SlideSettings) -> tuple[Artifact, ...]:
-        return (SURFACES,)
-
-    def assets(self, settings: SlideSettings) -> list[Path]:
-        return sensor_files([settings.sensor])
-
     def check_inputs(self, settings: SlideSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
-        """Check that the gel is elastic and thick enough, its friction known, and that press and lift leave time to slide."""
+        """Check that gel and friction are known, press and lift leave time to slide, and no step is longer than the gel is thick."""
         sensor = pressed_sensor(settings)
         check_layer(sensor)
         known_friction(sensor, settings.friction[0] if settings.friction else None)
@@ -76,14 +67,17 @@ class SimulateSlides(ObjectStage):
                 f"a press of {settings.depth[1]} m at a press_speed of {settings.press_speed[0]} m/s takes {slowest:.3g} s, over a quarter "
                 f"of {settings.steps} steps at {settings.rate:g} per second, {quarter:.3g} s: press faster or less deep, or take more steps"
             )
+        speed = max(*settings.press_speed, *settings.slide_speed, settings.twist_speed[1] * math.hypot(sensor.width, sensor.height) / 2)
+        step, thickness = speed / settings.rate, sensor.layer_thickness
+        if step > thickness:
+            raise InvalidInput(
+                f"steps move by up to {step:.3g} m, more than the gel of {sensor.name} is thick, {thickness:.3g} m: "
+                "lower press_speed, slide_speed or twist_speed, or raise rate"
+            )
 
     def constants(self, settings: SlideSettings) -> Row:
         """Render the sensor with nothing in its gel, but with its markers."""
         return {"slide_untouched": resting_image(pressed_sensor(settings))}
-
-    def attributes(self, settings: SlideSettings) -> dict[str, Any]:
-        """Describe the sensor with the pixels of the images, as `simulate-presses` does."""
-        return {"sensors": [pressed_sensor(settings).model_dump(mode="json")]}
 
     def describe_shard(self, settings: SlideSettings, shard: Shard) -> Iterator[str]:
         """Count the steps that did not settle."""
@@ -93,13 +87,13 @@ class SimulateSlides(ObjectStage):
 
     def cost(self, settings: SlideSettings) -> Cost:
         share = ((settings.pixels or 640) / 160) ** 2 * settings.slides * settings.steps
-        return Cost(seconds=0.015 * share, kilobytes=60 * share)
+        return Cost(seconds=0.025 * share, kilobytes=52 * share)
 
-    def process(self, unit: Unit, inputs: Inputs, settings: SlideSettings) -> Row:
-        sensor, rows = pressed_sensor(settings), []
-        for rng, draw in drawn_reliefs(unit, inputs["surfaces"], settings, self.name, settings.slides):
-            rows.append(first_that_fits(_slide, draw, sensor, settings, rng))
-        return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+    def count(self, settings: SlideSettings) -> int:
+        return settings.slides
+
+    def draw(self, draw: Callable[..., Relief], sensor: Sensor, settings: SlideSettings, rng: np.random.Generator) -> Row:
+        return first_that_fits(_slide, draw, sensor, settings, rng)
 
 
 def _slide(draw: Callable[..., Relief], sensor: Sensor, settings: SlideSettings, rng: np.random.Generator) -> Row:

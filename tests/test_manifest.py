@@ -17,6 +17,7 @@ def test_every_built_in_manifest_loads():
     assert names == [
         "directory",
         "four-classes",
+        "hand-sized",
         "household",
         "one-of-each",
         "procedural",

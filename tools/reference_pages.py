@@ -193,6 +193,7 @@ TITLES = {
     "Calibration": "`calibrated`",
     "Shadow": "`shadows`",
     "Camera": "`cameras`",
+    "DrawnViews": "`drawn` of a camera",
     "Lamp": "`lamp`",
     "Splits": "`splits`",
     "Directory": "`kind: directory`",

@@ -141,14 +141,16 @@ def _read_object(
         by_another = f"{stated_by} (its file: {_symbol(stated)})" if stated else stated_by
         unit = f"{_symbol(metres)}, {'its file' if stated == metres else by_another}"
     mesh, placement, report = normalised_mesh(source, SurfaceSettings())
-    diagonal = bounding_diagonal(mesh.vertices)
+    diagonal, scale = bounding_diagonal(mesh.vertices), float(np.linalg.norm(placement[:3, 0]))
+    if "diagonals" in source and not np.isclose(scale, metres or float("file" not in source)):
+        unit = "drawn size"
     return CheckedObject(
         name=item.object_id,
         unit=unit,
-        real_size=metres is not None,
+        real_size=metres is not None or "diagonals" in source,
         sides=tuple(np.ptp(mesh.vertices, axis=0).tolist()),
         diagonal=diagonal,
-        in_file=diagonal / float(np.linalg.norm(placement[:3, 0])),
+        in_file=diagonal / scale,
         faces=len(mesh.faces),
         watertight=report.watertight,
         textures=len(mesh.look.textures),

@@ -4,13 +4,13 @@ import hashlib
 import re
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from pipeline import plugins
 from pipeline.console import CONTROLS
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 NOT_UTF8 = re.compile("[\ud800-\udfff]")
 """Characters that Python writes for bytes of a file's name that are not UTF-8 (`surrogateescape`)."""
+LEAST_DIAGONAL, MOST_DIAGONAL = 1e-3, 100.0  # m
 MAX_OBJECTS = 200_000  # most objects of a source: listing them takes a second, and memory, before anything else is done
 
 
@@ -51,11 +52,23 @@ class Source(Entries):
     split: Literal["train", "valid", "test"] | None = Field(
         None, description="Of all its objects, instead of one that is drawn for each: `test` for a source that no network is to learn from."
     )
+    diagonals: tuple[float, float] | None = Field(
+        None,
+        description="m, least and most bounding-box diagonal, for example [0.06, 0.2]. An object whose real size is known and lies between "
+        "them keeps it; others are scaled to a size drawn between them.",
+    )
     url: str | None = Field(
         None,
         pattern="^https?://[!-~]{1,1000}$",
         description="Address from which its files can be downloaded by whoever makes the dataset again from its recipe.",
     )
+
+    @field_validator("diagonals")
+    @classmethod
+    def _in_order(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        if value is not None and not LEAST_DIAGONAL <= value[0] <= value[1] <= MOST_DIAGONAL:
+            raise ValueError(f"must be two lengths from {LEAST_DIAGONAL:g} to {MOST_DIAGONAL:g} m, the smaller one first")
+        return value
 
     @abstractmethod
     def list_objects(self, root: Path | None) -> Iterator[Object]:
@@ -73,6 +86,8 @@ class Source(Entries):
                 f"the {len(objects)} files of this source have checksum {actual}, the manifest says {self.sha256}: "
                 "other files than it was written for; install the pinned packages, or state the new checksum in a manifest of your own"
             )
+        if self.diagonals is not None:
+            objects = [replace(item, source=item.source | {"diagonals": self.diagonals}) for item in objects]
         return objects
 
 

@@ -63,11 +63,15 @@ def _row(axes: Sequence[Axes], title: str, touches: Touches, sensor: Sensor) -> 
     picture = axes[0].imshow(touches["tactile_image"][0])
     axes[0].set_title(title, fontsize=8, loc="left", parse_math=False)
     axes[0].set_axis_off()
-    return [lambda step: picture.set_data(touches["tactile_image"][step]), _field(axes[1], touches, sensor), _forces(axes[2], touches)]
+    field, forces = draw_field(axes[1], touches, sensor), draw_forces(axes[2], touches)
+    return [lambda step: picture.set_data(touches["tactile_image"][step]), field, forces]
 
 
-def _field(axes: Axes, touches: Touches, sensor: Sensor) -> Callable[[int], None]:
-    """Draw where the contact sticks and slips, and how the gel's surface is displaced; the longest arrow is a step and a half."""
+def draw_field(axes: Axes, touches: Touches, sensor: Sensor) -> Callable[[int], None]:
+    """Draw where the contact sticks and slips in the first step, and how the gel's surface is displaced; return what draws another.
+
+    The longest arrow of all steps is as long as a step and a half from arrow to arrow.
+    """
     x, y = (MM * centres for centres in pixel_centres(sensor))
     stride = max(1, max(sensor.shape) // ARROWS)
     part = slice(stride // 2, None, stride)
@@ -76,7 +80,7 @@ def _field(axes: Axes, touches: Touches, sensor: Sensor) -> Callable[[int], None
     scale = longest / (1.5 * stride * MM * sensor.pitch[1])
     shown = axes.imshow(_contact(touches, 0), extent=(x[0], x[-1], y[-1], y[0]), **SHADES)
     arrows = axes.quiver(x[part], y[part], *np.moveaxis(moved[0], -1, 0), angles="xy", scale_units="xy", scale=scale, width=0.006)
-    axes.set_title(f"displacement up to {longest:.2g} mm; slip dark", fontsize=8, loc="left")
+    axes.set_title(f"gel moved up to {longest:.2g} mm", fontsize=8, loc="left")
     axes.set(xticks=[], yticks=[])
 
     def show(step: int) -> None:
@@ -91,8 +95,8 @@ def _contact(touches: Touches, step: int) -> np.ndarray:  # (rows, cols) shades
     return np.where(slips, SLIPS, np.where(touches["pressure"][step] > 0, STICKS, 0.0))
 
 
-def _forces(axes: Axes, touches: Touches) -> Callable[[int], None]:
-    """Draw forces and torque over time, and a line that moves along."""
+def draw_forces(axes: Axes, touches: Touches) -> Callable[[int], None]:
+    """Draw forces and torque over time, and a line at the first step; return what moves it to another."""
     time, force = touches["time"], touches["force"]
     for values, label in ((-force[:, 2], "normal, N"), (force[:, 0], "along x, N"), (force[:, 1], "along y, N")):
         axes.plot(time, values, label=label, lw=1.2)

@@ -60,18 +60,21 @@ def stored_observation(
     image, camera, scale = None, None, scale_of(rows, object_id, config)
     if config.image is not None:
         image = rows.read(config.image, object_id, grasps[0], camera=0)
-        is_rendering = config.image == "rendering"
-        camera = rows.read("rendering_camera", object_id, grasps[0]) if is_rendering else rows.read("projection", object_id)[0]
+        if config.image == "rendering":
+            camera = rows.read("rendering_camera", object_id, grasps[0])
+        else:
+            view = 0 if config.image == "unoccluded" else 1 + grasps[0]
+            camera = rows.read("projection", object_id, camera=0)[view]
     if not config.touch:
         return Observation(image, camera=camera, scale=scale)
     vertices, stop_rule = (rows.read(name, object_id)[list(grasps)] for name in ("vertices", "stop_rule"))  # (grasp, sensor, …)
     return Observation(image, vertices.reshape(-1, *vertices.shape[2:]), is_surface(stop_rule).reshape(-1), camera, scale)
 
 
-def stored_camera(rows: ObjectRows, object_id: str, config: NetworkInputs) -> np.ndarray:
-    """Read the (3, 4) projection matrix of an object's image, scaled with the object to the size that networks learn."""
-    seen = Observation(None, camera=rows.read("projection", object_id)[0], scale=scale_of(rows, object_id, config))
-    return np.asarray(seen.scaled(config.centre).camera)
+def stored_cameras(rows: ObjectRows, object_id: str, config: NetworkInputs) -> np.ndarray:
+    """Read the projection matrices (view, 3, 4) of an object's images, scaled with the object to the size that networks learn."""
+    scale, matrices = scale_of(rows, object_id, config), rows.read("projection", object_id, camera=0)
+    return np.array([Observation(None, camera=matrix, scale=scale).scaled(config.centre).camera for matrix in matrices])
 
 
 def scale_of(rows: ObjectRows, object_id: str, config: NetworkInputs) -> float:

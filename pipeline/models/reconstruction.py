@@ -23,7 +23,7 @@ from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.implicit_network import Encoding, ImplicitNetwork
 from pipeline.kernels.networks.network_configurations import ImplicitConfig, NetworkConfig, NetworkInputs
-from pipeline.kernels.vision.camera import project_points
+from pipeline.kernels.vision.camera import DrawnViews, project_points
 from pipeline.kernels.vision.view_transfer import camera_direction, carried_camera
 from pipeline.models.model_files import load_network, read_description
 from pipeline.models.observation import NetworkBatch, Observation, stack_observations
@@ -63,6 +63,7 @@ class Trained(Entries):
     configuration: str  # the network's name
     network: SerializeAsAny[NetworkInputs]  # inputs and sizes, of the family's type
     camera: tuple[ImageRow, ImageRow, ImageRow] | None  # projection matrix of the first training object's image, scaled with it
+    drawn: DrawnViews | None = None  # where its camera was in each image; None: always at the place of `camera`
     resolution: tuple[int, int] | None  # rows and columns of its images
     background: tuple[Level, Level, Level] | None = None  # sRGB behind them; None without images, or if not known
     charts: dict[str, Any] | None  # settings of `fit-charts`; None without touch
@@ -85,17 +86,24 @@ class Trained(Entries):
         """Describe a network that takes any inputs as one that takes these."""
         return self.model_copy(update={"network": self.network.restricted_to(inputs)})
 
+    def learned_direction(self, camera: NDArray[np.float64]) -> tuple[float, float]:
+        """Find the training's azimuth and elevation, degrees, that are nearest to those of a camera (3, 4) of a network with images."""
+        assert self.projection is not None
+        directions = (camera_direction(matrix, np.array(self.network.centre)) for matrix in (camera, self.projection))
+        own, trained = (np.degrees(direction[:2]).tolist() for direction in directions)
+        return tuple(trained) if self.drawn is None else self.drawn.nearest(*own)
+
     def has_view(
         self,
         camera: NDArray[np.float64],  # (3, 4) projection matrix, of an object of the size that networks see
     ) -> bool:
-        """Check whether a camera sees an object from the same side as the training's camera did, and as large."""
+        """Check whether a camera sees an object from a side that the training's camera did, and as large."""
         if self.projection is None or self.resolution is None:
             return False
         centre = np.array(self.network.centre)
         corners = centre + self.network.radius * (np.indices((2, 2, 2)).reshape(3, -1).T * 2.0 - 1) / np.sqrt(3)
-        own, trained = (camera_direction(matrix, centre) for matrix in (camera, self.projection))
-        turns = np.degrees([own.azimuth - trained.azimuth, own.elevation - trained.elevation])
+        own, (azimuth, elevation) = camera_direction(camera, centre), self.learned_direction(camera)
+        turns = np.degrees([own.azimuth, own.elevation]) - [azimuth, elevation]
         seen, expected = (project_points(matrix, corners) for matrix in (camera, carried_camera(self.projection, camera, centre)))
         is_same_side = np.abs((turns + 180) % 360 - 180).max() <= VIEW_DEGREES
         return bool(is_same_side and np.abs(seen - expected).max() <= VIEW_SHARE * max(self.resolution))

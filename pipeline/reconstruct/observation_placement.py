@@ -75,7 +75,7 @@ def place_observation(checked: CheckedObservation) -> Placement:
         camera = carried_camera(target.projection, real, centre)
         fill, photograph = _background(view.camera, target, hand_is_shown=inputs.image == "occluded")
         image, shown_share = transfer_view(photograph, real, camera, target.resolution, fill)
-        remarks += _view_remarks(target.projection, real, centre, factor, shown_share)
+        remarks += _view_remarks(target, real, factor, shown_share)
         remarks += _mask_remarks(view, box, target, checked)
     charts: NDArray[np.float32] = np.zeros((0, inputs.side**2, 3), np.float32)
     if view is not None and view.camera.metres is not None and view.camera.depth_as_touch and inputs.touch:
@@ -141,15 +141,14 @@ def _size_remarks(box: ObjectBox, target: Target) -> Iterator[str]:
         )
 
 
-def _view_remarks(
-    training: NDArray[np.float64], real: NDArray[np.float64], centre: NDArray[np.float64], factor: float, share: float
-) -> Iterator[str]:
-    view, training_view = (camera_direction(matrix, centre) for matrix in (real, training))
-    above, training_above = np.degrees([view.elevation, training_view.elevation])
+def _view_remarks(target: Target, real: NDArray[np.float64], factor: float, share: float) -> Iterator[str]:
+    view, training_above = camera_direction(real, np.array(target.network.centre)), target.learned_direction(real)[1]
+    above = np.degrees(view.elevation)
     difference = abs(above - training_above)
+    trained = f"{training_above:z.1f}°" if target.drawn is None else "{:g}° to {:g}°".format(*target.drawn.elevation)
     yield (
         f"{'warning: ' if difference > FAR_VIEW else ''}camera {view.distance / factor:.3g} m from the object and {above:z.1f}° above "
-        f"its horizon; in training {training_above:z.1f}°: the views differ by {difference:.1f}°"
+        f"its horizon; in training {trained}: the views differ by {difference:.1f}°"
     )
     if share < MIN_SHOWN:
         yield f"warning: the photograph shows {share:.0%} of what the training camera would; the rest is background"

@@ -16,7 +16,7 @@ from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.metrics.chamfer import SearchCloud
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES, ImageKind, NetworkInputs
 from pipeline.kernels.vision.view_transfer import background_color, carried_camera, transfer_view
-from pipeline.models.observation import Observation, observed_arrays, scale_of, stored_camera, stored_images, stored_observation
+from pipeline.models.observation import Observation, observed_arrays, scale_of, stored_cameras, stored_images, stored_observation
 from pipeline.models.reconstruction import Trained
 from pipeline.store.storage import Location
 from pipeline.training.settings import ReconstructionSettings, TrainingSettings
@@ -140,14 +140,17 @@ class Items:
         diagonals = [self.rows.diagonal(object_id) for object_id in self.rows.object_ids]
         camera: Any = None
         background: Any = None
+        drawn: Any = None
         if self.config.image not in (None, "rendering"):  # each rendering has its own camera
-            camera = stored_camera(self.rows, self.rows.object_ids[0], self.config).tolist()
-            scene = self.rows.attributes("vision").get("scene")
-            background = None if scene is None else [int(255 * level + 0.5) for level in scene["background"]]
+            camera = stored_cameras(self.rows, self.rows.object_ids[0], self.config)[0].tolist()
+            if (scene := self.rows.attributes("vision").get("scene")) is not None:
+                background = [int(255 * level + 0.5) for level in scene["background"]]
+                drawn = scene["cameras"][0].get("drawn")
         return Trained(
             configuration=configuration,
             network=network,
             camera=camera,
+            drawn=drawn,
             resolution=self.resolution,
             background=background,
             charts=self.rows.attributes("charts")["settings"] if self.config.touch else None,

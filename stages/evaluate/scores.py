@@ -20,7 +20,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_companions import Companions
 from pipeline.models.device import device_of
 from pipeline.models.families import ROWS, load_reconstructor, load_rows, model_record, rows_of, trained_folder
-from pipeline.models.observation import stored_camera
+from pipeline.models.observation import stored_cameras
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.shipped_weights import DEFAULT, SHIPPED, read_card, shipped_models
 from pipeline.store import digest
@@ -217,7 +217,8 @@ def _missing_inputs(directory: DataDirectory, model: Reconstructor) -> dict[str,
             missing[kind] = "render-vision has not made it"
     if images.shards:
         rows = ObjectRows(directory.root, ["projection"], "test")
-        if not all(model.trained.has_view(stored_camera(rows, object_id, model.config)) for object_id in rows.object_ids):
+        cameras = (camera for object_id in rows.object_ids for camera in stored_cameras(rows, object_id, model.config))
+        if not all(map(model.trained.has_view, cameras)):
             why = "not all images are from the camera that it was trained with"
             missing = dict.fromkeys(("occluded", "unoccluded"), why) | missing
     if not charts.shards:

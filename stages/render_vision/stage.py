@@ -1,6 +1,6 @@
 """`render-vision`: an image of every object alone and one of every grasp (supplement 1.4)."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,8 +19,9 @@ from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, POSITION, bounding_diagonal
+from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.kinematics import forward_kinematics
-from pipeline.kernels.vision.camera import Camera, project_points, projection_matrix
+from pipeline.kernels.vision.camera import Camera, look_at, project_points, projection_matrix
 from pipeline.kernels.vision.scene import Label, Scene
 from pipeline.store.rows import Row
 from schemas.base import Artifact
@@ -115,7 +116,7 @@ class RenderVision(ObjectStage):
         faulty: dict[tuple[str, str, tuple[str, ...]], list[str]] = {}
         for name, inputs in objects:
             points = inputs["surfaces"]["points"]
-            cameras = _cameras(scene, settings, points)
+            cameras = _cameras(scene.cameras, settings, points)
             for has_fault, (fault, remedy) in IMAGE_FAULTS.items():
                 if views := tuple(camera.name for camera in cameras if has_fault(camera, points)):
                     faulty.setdefault((fault, remedy, views), []).append(name)
@@ -149,16 +150,18 @@ class RenderVision(ObjectStage):
                 grasps = inputs["grasps"]
                 frames = forward_kinematics(hand, grasps["hand_pose"], grasps["joint_angles"])  # (grasp, link, 4, 4)
                 mesh = read_mesh(inputs["surfaces"])
-                cameras = _cameras(scene, settings, mesh.vertices)
                 with renderer.added(mesh, Label.OBJECT) as handle:
                     views: list[list[PosedMesh]] = [[(handle, np.eye(4))]]
                     if settings.occluded:
                         views += [[*views[0], *((part, frame[link]) for link, part in meshes)] for frame in frames]
-                    images = [[renderer.render(view, camera) for camera in cameras] for view in views]
+                    taken_from = [_cameras(_moved(scene, settings, unit, view), settings, mesh.vertices) for view in range(len(views))]
+                    images = [
+                        [renderer.render(view, camera) for camera in cameras] for view, cameras in zip(views, taken_from, strict=True)
+                    ]
                 row = {
                     "unoccluded": np.stack([image.rgb for image in images[0]]),
                     "segmentation": np.array([[image.segmentation for image in view] for view in images]),
-                    "projection": np.stack([projection_matrix(camera) for camera in cameras]),
+                    "projection": np.array([[projection_matrix(camera) for camera in cameras] for cameras in taken_from]),
                 }
                 if settings.occluded:
                     row["occluded"] = np.array([[image.rgb for image in view] for view in images[1:]])
@@ -175,12 +178,25 @@ def _scene(settings: VisionSettings) -> Scene:
     return scene.model_copy(update={"cameras": tuple(camera.zoomed(zoom) for camera in scene.cameras)})
 
 
-def _cameras(scene: Scene, settings: VisionSettings, vertices: np.ndarray) -> list[Camera]:
-    """Zoom a scene's cameras to an object with these vertices (V, 3), world, m, if the settings do not say how much."""
+def _moved(scene: Scene, settings: VisionSettings, unit: Unit, view: int) -> list[Camera]:
+    """Move a scene's cameras to where they are in one of an object's images, if the scene draws that."""
+    cameras = []
+    for camera in scene.cameras:
+        if camera.drawn is not None:
+            position = camera.drawn.draw(unit.rng("render-vision", camera.name, view), POSITION)
+            nearer = float(length(position - POSITION) / length(np.array(camera.position) - POSITION))
+            camera = look_at(camera, tuple(position.tolist()), tuple(POSITION.tolist()))
+            camera = camera.zoomed(nearer if settings.zoom is None else 1.0)  # an object is as large as it is from the stated position
+        cameras.append(camera)
+    return cameras
+
+
+def _cameras(cameras: Sequence[Camera], settings: VisionSettings, vertices: np.ndarray) -> list[Camera]:
+    """Zoom cameras to an object with these vertices (V, 3), world, m, if the settings do not say how much."""
     zoom = DIAGONAL / bounding_diagonal(vertices) if settings.zoom is None else 1.0
-    pixels = [project_points(projection_matrix(camera), POSITION) for camera in scene.cameras]
-    cameras = [camera.zoomed(zoom, at) for camera, at in zip(scene.cameras, pixels, strict=True)]
-    return [camera.with_resolution(settings.resolution) for camera in cameras]
+    pixels = [project_points(projection_matrix(camera), POSITION) for camera in cameras]
+    zoomed = [camera.zoomed(zoom, at) for camera, at in zip(cameras, pixels, strict=True)]
+    return [camera.with_resolution(settings.resolution) for camera in zoomed]
 
 
 def image_differences(data: Path, reference: Path) -> dict[str, float]:

@@ -80,7 +80,7 @@ def test_one_grasp_is_read_without_the_others(data, monkeypatch):
 def test_one_camera_is_read_without_the_others(tmp_path):
     cameras, images = np.array(["front", "left", "above"]), np.random.default_rng(0).integers(0, 256, (3, 90, 90, 3), np.uint8)
     row = {"unoccluded": images, "occluded": np.stack([images, 255 - images]), "segmentation": np.tile(images[..., 0], (3, 1, 1, 1))}
-    row |= {"projection": np.zeros((3, 3, 4))}
+    row |= {"projection": np.zeros((3, 3, 3, 4))}
     items = ball_dataset.objects(2)
     stage: Any = ball_dataset.Given(VISION, lambda unit: row, (), {"camera": cameras}, {})
     pack(Request(stage=stage, settings=Settings(), objects=items, manifest="m", preset="draft", seed=0, data=tmp_path), lambda unit: row)

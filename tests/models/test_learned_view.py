@@ -5,10 +5,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.kernels.vision.camera import DrawnViews
 from pipeline.kernels.vision.view_transfer import moved_projection
 from pipeline.models.reconstruction import Trained
 
-CAMERA = np.array([[0, 300.0, 0, 0], [0, 0, -300, 0], [-1, 0, 0, 0]]) + np.outer([64, 64, 1], [0, 0, 0, 1.0])
+CAMERA = np.array([[-64, 300.0, 0, 0], [-64, 0, -300, 0], [-1, 0, 0, 0]]) + np.outer([64, 64, 1], [0, 0, 0, 1.0])
 """1 m along +x from the origin, which it looks at."""
 
 
@@ -27,6 +28,14 @@ def turned(degrees: float) -> np.ndarray:
 def test_camera_on_the_same_side_has_the_learned_view(training: float) -> None:
     assert trained(turned(training)).has_view(turned(training + 0.2))
     assert not trained(turned(training)).has_view(turned(training + 5))
+
+
+def test_network_of_drawn_cameras_has_learned_every_view_between_them():
+    drawn = DrawnViews(distance=(0.5, 2), elevation=(-5, 5), azimuth=(170, 200))
+    learned = trained(turned(180)).model_copy(update={"drawn": drawn})
+    assert all(learned.has_view(turned(degrees)) for degrees in (171, -179, 199, -160.5))
+    assert not any(learned.has_view(turned(degrees)) for degrees in (0, 165, 210))
+    assert learned.learned_direction(turned(150)) == pytest.approx((170, 0))
 
 
 def test_camera_of_another_zoom_has_not() -> None:

@@ -233,7 +233,7 @@ def test_closed_mesh_of_an_observation_has_the_colours_of_its_image(data, millim
     seen = prediction.closed.seen
     assert 0.2 < seen.mean() < 0.6
     world = (prediction.closed.vertices[seen] / 1e3 - BASE[:3, 3]) @ BASE[:3, :3]
-    col, row = project_points(ObjectRows(data, ["projection"], None).read("projection", "a")[0], world).astype(int).T
+    col, row = project_points(ObjectRows(data, ["projection"], None).read("projection", "a")[0, 0], world).astype(int).T
     image = GraspDataset(data, ["occluded"], "test")[2]["occluded"][0].numpy()
     assert (prediction.closed.colors[seen] == image[row, col]).all(axis=1).mean() > 0.95  # except at some pixel borders
     touch_vertices = prediction.reconstruction.vertices[prediction.reconstruction.vision :]

@@ -150,7 +150,7 @@ def vision(unit: Unit) -> Row:
     segmentation = np.zeros((1 + shape[0], *shape[1:]), np.uint8)
     segmentation[0] = np.hypot(row, col) < 400 * radius_of(unit)  # not to scale, but larger for larger balls
     views = {"unoccluded": images[:1], "occluded": images[1:, None], "segmentation": segmentation[:, None]}
-    return views | {"projection": projection_of(unit)[None]}
+    return views | {"projection": np.tile(projection_of(unit), (1 + GRASPS_AN_OBJECT, 1, 1, 1))}
 
 
 def touch(unit: Unit) -> Row:

@@ -7,17 +7,19 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pipeline.contrib.toy_objects.source import Procedural
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import Unit
 from pipeline.formats.hand_file import load_hand
-from pipeline.kernels.geometry.mesh_cleaning import POSITION
+from pipeline.kernels.geometry.mesh_cleaning import POSITION, bounding_diagonal
 from pipeline.kernels.vision.camera import project_points, projection_matrix
 from pipeline.models.families import load_reconstructor
 from pipeline.models.observation import Observation
 from pipeline.store.directory import DataDirectory
 from pipeline.training.checkpoint import read_metrics
 from stages.render_vision.stage import RenderVision, VisionSettings
+from stages.sample_surfaces import SurfaceSettings, normalised_mesh
 from tests.kernels.vision.shapes import ball
 from tests.stages import ball_dataset as spheres
 from tests.stages.tiny_dataset import manifest, run_stage
@@ -83,6 +85,21 @@ def test_scaled_observation_gives_the_scaled_surface(tmp_path, way):
     assert np.abs(part - shrunk(whole)).max() < 1e-5
 
 
+def test_objects_keep_their_size_between_stated_diagonals_and_get_one_of_them_otherwise():
+    def placed(kind: str, variant: int, diagonals: tuple[float, float]) -> float:
+        source = {"kind": "procedural", "category": kind, "variant": variant, "seed": 0, "diagonals": diagonals}
+        mesh, placement, _ = normalised_mesh(source, SurfaceSettings())
+        assert diagonals[0] <= bounding_diagonal(mesh.vertices) <= diagonals[1]
+        return float(np.linalg.norm(placement[:3, 0]))
+
+    assert placed("mug", 0, (0.01, 1.0)) == pytest.approx(1)
+    drawn = [placed("rifle", variant, (0.06, 0.2)) for variant in range(4)]
+    assert len(set(drawn)) == 4
+    assert drawn[0] == placed("rifle", 0, (0.06, 0.2)) < 0.5
+    with pytest.raises(ValueError, match="the smaller one first"):
+        Procedural(kind="procedural", licence="MIT", seed=0, count={"mug": 1}, diagonals=(0.2, 0.06))
+
+
 def test_small_objects_are_seen_as_large_as_others_unless_a_zoom_is_set():
     def widths(settings: VisionSettings, radius: float) -> float:
         shape = ball(radius)
@@ -90,7 +107,7 @@ def test_small_objects_are_seen_as_large_as_others_unless_a_zoom_is_set():
             row = process(
                 Unit("a"), {"surfaces": mesh_row(shape), "grasps": {"hand_pose": np.eye(4)[None], "joint_angles": np.zeros((1, 16))}}
             )
-        return float(np.ptp(project_points(row["projection"][0], shape.vertices), axis=0).max())
+        return float(np.ptp(project_points(row["projection"][0, 0], shape.vertices), axis=0).max())
 
     plain = VisionSettings(hand="allegro_right", occluded=False, resolution=64)
     assert widths(plain, 0.0289) == pytest.approx(widths(plain, 0.144), rel=0.05)

@@ -1,7 +1,8 @@
 """Read a dataset as frames, here one per grasp, with the type, unit and meaning of each column, for every table format."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, count
 from typing import Any, Literal
 
 import numpy as np
@@ -135,3 +136,12 @@ class GraspFrames(Frames):
             values = [self._values(name, self.rows.read(name, object_id, grasp, camera=0)) for name in self.arrays]
             frames.append({"grasp": grasp, **self._names} | {name: value for part in values for name, value in part.items()})
         yield frames
+
+
+def distinct_names(names: Iterable[str], written: Callable[[str], str]) -> dict[str, str]:
+    """Write names in the characters that a format allows; those that become equal are numbered."""
+    result: dict[str, str] = {}
+    for name in dict.fromkeys(names):
+        numbered = chain([written(name)], (f"{written(name)}_{number}" for number in count(2)))
+        result[name] = next(other for other in numbered if other not in result.values())
+    return result

@@ -14,7 +14,7 @@ import zarr
 from scipy.spatial.transform import Rotation
 
 from pipeline.contrib.exports.functional_areas import joint_slots, tactile_areas
-from pipeline.contrib.exports.grasp_frames import Column, Frames
+from pipeline.contrib.exports.grasp_frames import Column, Frames, distinct_names
 from pipeline.contrib.exports.slide_frames import open_frames
 from pipeline.dataset.grasps import grasping_hand
 from pipeline.errors import StoreError
@@ -49,9 +49,9 @@ def export_oxt(data: Location, folder: Path, of: str | None = None) -> str:
     frames = open_frames(data, of)
     if "tactile_image" not in frames.arrays:
         raise StoreError(f"{data.resolve()} has no touches; run simulate-touch, or simulate-slides with their images, then export again")
-    streams, ends = _Streams(frames), Counter[Path]()
+    streams, ends, tasks = _Streams(frames), Counter[Path](), distinct_names(sorted({*frames.rows.categories}), _slug)
     for split, episode in frames.episodes():
-        path = folder / split / f"{frames.task.split()[0]}_{_slug(episode[0]['category'])}.zarr"
+        path = folder / split / f"{frames.task.split()[0]}_{tasks[episode[0]['category']]}.zarr"
         ends[path] += len(episode)
         root = zarr.open_group(str(path), mode="a", zarr_format=2)
         _append(root.require_group("meta"), [("episode_ends", (np.array([ends[path]]), END))])
@@ -117,9 +117,9 @@ class _Streams:
         if kind in ("binary", "state"):
             values = values.reshape(*values.shape[:2], -1).astype(np.float32)  # (T, sensor, …)
         schema, sensors = self.frames.declaration(array), [episode[0][f"sensor.{finger}"] for finger in self.fingers]
-        for sensor in dict.fromkeys(sensors):
+        for sensor, written in distinct_names(sensors, _slug).items():
             of_kind = [number for number, other in enumerate(sensors) if other == sensor]
-            fingers, group = tuple(self.fingers[number] for number in of_kind), f"{quantity}_{_slug(sensor)}"
+            fingers, group = tuple(self.fingers[number] for number in of_kind), f"{quantity}_{written}"
             described = Column("float32", names=fingers, unit=schema.units, meaning=schema.description)
             areas = np.tile([self.areas[number] for number in of_kind], (len(episode), 1))
             yield f"{self.side}_tactile_data_{group}", (values[:, of_kind], described)
@@ -134,4 +134,4 @@ def _stack(episode: Sequence[Mapping[str, Any]], column: str) -> np.ndarray:  # 
 
 def _slug(name: str) -> str:
     """Write a name in the characters that names of stores and groups may have."""
-    return re.sub("[^a-z0-9]+", "_", name.lower()).strip("_")
+    return re.sub("[^a-z0-9]+", "_", name.lower()).strip("_") or "other"

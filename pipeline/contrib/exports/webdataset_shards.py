@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.contrib.exports.grasp_frames import Column
+from pipeline.contrib.exports.grasp_frames import Column, distinct_names
 from pipeline.contrib.exports.slide_frames import open_frames
 from pipeline.formats.image_file import encode_image
 from pipeline.store.storage import Location
@@ -26,6 +26,7 @@ def export_webdataset(data: Location, folder: Path, of: str | None = None) -> st
     `columns.json` describes the columns: type, shape, names along the first axis, unit and meaning.
     """
     frames = open_frames(data, of)
+    files = distinct_names(frames.columns, lambda name: name.replace(".", "_"))  # a key ends at the first dot
     described = {name: asdict(column) for name, column in frames.columns.items()}
     (folder / "columns.json").write_text(json.dumps(described, indent=1), encoding="utf-8")
     samples, shards, shard = Counter[str](), Counter[str](), None
@@ -36,15 +37,15 @@ def export_webdataset(data: Location, folder: Path, of: str | None = None) -> st
                     opened.close()  # the shard before
                     shard = opened.enter_context(tarfile.open(folder / f"{split}-{shards[split]:06d}.tar", "w"))
                     shards[split] += 1
-                _add_sample(shard, f"{samples[split]:08d}", frame, frames.columns)
+                _add_sample(shard, f"{samples[split]:08d}", frame, frames.columns, files)
                 samples[split] += 1
     return frames.summary
 
 
-def _add_sample(shard: tarfile.TarFile, key: str, frame: dict[str, Any], columns: dict[str, Column]) -> None:
+def _add_sample(shard: tarfile.TarFile, key: str, frame: dict[str, Any], columns: dict[str, Column], files: dict[str, str]) -> None:
     scalars = {}
     for name, column in columns.items():
-        value, file = frame[name], name.replace(".", "_")  # a key ends at the first dot
+        value, file = frame[name], files[name]
         if column.kind == "image":
             _add(shard, f"{key}.{file}.png", encode_image(value))
         elif column.shape:

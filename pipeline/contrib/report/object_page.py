@@ -4,7 +4,7 @@ import base64
 import gzip
 from collections.abc import Mapping
 from contextlib import ExitStack
-from functools import cached_property
+from functools import cached_property, lru_cache
 from math import ceil
 from pathlib import Path
 from typing import Any
@@ -159,8 +159,13 @@ def columns(places: int) -> int:
 
 
 def _webp(image: NDArray[np.uint8]) -> bytes:
-    return encode_image(image, "WEBP", quality=85)
+    return encode_image(image, "WEBP", quality=85, method=2)  # half the time of method 4, files 5 % larger
 
 
 def _inline(image: NDArray[np.uint8]) -> str:  # a data URI, so that a page is one file
-    return f"data:image/webp;base64,{base64.b64encode(_webp(image)).decode()}"
+    return _data_uri(image.tobytes(), image.shape)
+
+
+@lru_cache(maxsize=256)  # sensors that touch nothing see the same, and so do cameras without the hand
+def _data_uri(pixels: bytes, shape: tuple[int, ...]) -> str:
+    return f"data:image/webp;base64,{base64.b64encode(_webp(np.frombuffer(pixels, np.uint8).reshape(shape))).decode()}"

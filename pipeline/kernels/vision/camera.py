@@ -16,6 +16,8 @@ from pipeline.kernels.arrays import Array, Floats
 from pipeline.kernels.geometry.transforms import compose, invert_pose, invert_similarity, length, pose_of, rotation_from_euler
 
 Coordinate = Annotated[float, Field(ge=-100, le=100)]
+Distance = Annotated[float, Field(gt=0, le=100)]
+Elevation = Annotated[float, Field(ge=-85, le=85)]
 Angle = Annotated[float, Field(ge=-3600, le=3600)]
 Pixels = Annotated[float, Field(ge=-1e6, le=1e6)]
 Focal = Annotated[float, Field(ge=1e-3, le=1e6)]
@@ -25,6 +27,35 @@ MAX_RESOLUTION = 8192  # pixels per side of an image: graphics libraries draw no
 Side = Annotated[int, Field(ge=16, le=MAX_RESOLUTION)]
 FOCAL, SENSOR = 35.0, 32.0  # mm, of the renderings' camera: focal length, width; not the metadata's field of view
 FARTHEST = 1.75  # distance of the renderings' camera from the origin where the ratio is 1, units of the file
+
+
+class DrawnViews(Entries):
+    """Where a camera is in each image, drawn evenly; it looks at the object's middle, its top upwards."""
+
+    distance: tuple[Distance, Distance] = Field(description="from the middle of the object, m: least and most")
+    elevation: tuple[Elevation, Elevation] = Field(description="above the horizon, degrees: least and most")
+    azimuth: tuple[Angle, Angle] = Field((-180.0, 180.0), description="about the world's +z, from +x, degrees: least and most")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> "DrawnViews":
+        for name, (least, most) in self:
+            if least > most:
+                raise ValueError(f"{name} is [{least:g}, {most:g}]; put the smaller number first")
+        return self
+
+    def draw(self, rng: np.random.Generator, middle: Array) -> Array:  # (3,) world, m
+        """Draw the position of a camera around a point."""
+        distance, elevation, azimuth = (rng.uniform(*limits) for limits in (self.distance, self.elevation, self.azimuth))
+        e, a = np.deg2rad([elevation, azimuth])
+        return np.asarray(middle + distance * np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]))
+
+    def nearest(self, azimuth: float, elevation: float) -> tuple[float, float]:
+        """Find the drawn direction nearest to another one, degrees."""
+        first, last = self.azimuth
+        turned = first + (azimuth - first) % 360
+        if turned > last:
+            turned = last if turned - last < first + 360 - turned else first
+        return turned, min(max(elevation, self.elevation[0]), self.elevation[1])
 
 
 class Camera(Entries):
@@ -42,6 +73,10 @@ class Camera(Entries):
     name: str = Field(pattern=r"^[A-Za-z0-9._-]{1,60}$", description="labels its images")
     size: tuple[Side, Side] | None = Field(
         default=None, description="columns and rows of its images, regardless of `render-vision.resolution`; by default square"
+    )
+
+    drawn: DrawnViews | None = Field(
+        default=None, description="from where each of its images is taken instead; pictures of a check are from `position`"
     )
 
     @model_validator(mode="after")

@@ -15,6 +15,9 @@ from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.scene_file import load_scene
+from pipeline.kernels.geometry.mesh_cleaning import POSITION
+from pipeline.kernels.vision.camera import project_points
+from pipeline.kernels.vision.view_transfer import camera_direction
 from pipeline.store.rows import Row
 from schemas.base import COMMON
 from stages.render_vision.stage import RenderVision, VisionSettings
@@ -45,7 +48,7 @@ def test_rows_are_as_in_the_schema_and_show_object_and_hand() -> None:
         "unoccluded": ((1, 256, 256, 3), "uint8"),
         "occluded": ((GRASPS, 1, 256, 256, 3), "uint8"),
         "segmentation": ((1 + GRASPS, 1, 256, 256), "uint8"),
-        "projection": ((1, 3, 4), "float64"),
+        "projection": ((1 + GRASPS, 1, 3, 4), "float64"),
     }
     declared = {name for name, array in STAGE.output.arrays.items() if array.per_object} - set(COMMON)
     assert set(row) == declared - {"camera_depth"}
@@ -71,7 +74,7 @@ def test_images_of_one_camera_do_not_depend_on_the_others(tmp_path) -> None:
             assert (np.take(row[name], [camera], axis) == before[name]).all()
     constants = STAGE.constants(several)
     assert constants["camera"].tolist() == ["front", "again", "closer"]
-    assert (row["projection"][:2] == before["projection"]).all()
+    assert (row["projection"][:, :2] == before["projection"]).all()
     for name, array in {**row, **constants}.items():
         declared = STAGE.output.arrays[name]
         assert array.ndim == len([dim for dim in declared.dims if dim != "object"]), name
@@ -79,6 +82,31 @@ def test_images_of_one_camera_do_not_depend_on_the_others(tmp_path) -> None:
     assert row["camera_depth"][0, 2].min() < row["camera_depth"][0, 0].min() - 0.5  # half as far
     covered = [(image != image[0, 0]).any(axis=-1).sum() for image in row["unoccluded"]]
     assert covered[2] > 2.5 * covered[0]  # at half the distance four times as large, where it is not cut off
+
+
+def test_drawn_cameras_look_at_the_object_from_their_ranges_and_show_it_as_large(tmp_path) -> None:
+    described = yaml.safe_load(description_path("scene", "supplement").read_text())
+    drawn = {"distance": [0.3, 0.8], "elevation": [10, 20], "azimuth": [170, 200]}
+    path = tmp_path / "drawn.yaml"
+    path.write_text(json.dumps(described | {"cameras": [described["cameras"][0] | {"drawn": drawn}]}))
+    settings = VisionSettings(hand=HAND, resolution=64, scene=str(path))
+    (row,), (again,), (other,) = (rows(settings, task(name, 0.05)) for name in "aab")
+    assert (row["projection"] == again["projection"]).all()
+    assert not (row["projection"] == other["projection"]).any(axis=(2, 3)).all()
+    matrices = np.concatenate([row["projection"], other["projection"]])[:, 0]
+    assert len(np.unique(matrices, axis=0)) == 2 * (1 + GRASPS)
+    for matrix in matrices:
+        direction = camera_direction(matrix, POSITION)
+        assert 0.3 <= direction.distance <= 0.8
+        assert 10 <= np.degrees(direction.elevation) <= 20
+        assert 170 <= np.degrees(direction.azimuth) % 360 <= 200
+        assert project_points(matrix, POSITION) == pytest.approx([32, 32])
+    areas = [(view == 1).sum() for view in (row["segmentation"][0, 0], other["segmentation"][0, 0])]
+    assert areas[0] == pytest.approx(areas[1], rel=0.05)
+    for fault, words in ({"distance": [0.8, 0.3]}, "smaller number first"), ({"elevation": [0, 90]}, "elevation"):
+        path.write_text(json.dumps(described | {"cameras": [described["cameras"][0] | {"drawn": drawn | fault}]}))
+        with pytest.raises(InvalidInput, match=words):
+            load_scene(path)
 
 
 def test_cameras_need_not_be_square_but_have_one_size(tmp_path) -> None:

@@ -123,6 +123,8 @@ def test_unusable_settings_are_named(assignment, message):
         ({}, ["store=[marker_displacement]"], "store names marker_displacement, but slid has none"),
         ({}, ["depth=[0.001, 0.005]"], "0.005 m, the gel of slid is 0.004 m thick"),
         ({}, ["press_speed=[0.0001, 0.001]"], "a press of 0.0012 m at a press_speed of 0.0001 m/s takes 12.2 s, over a quarter of 8 steps"),
+        ({}, ["slide_speed=[0.01, 0.08]"], "steps move by up to 0.02 m, more than the gel of slid is thick, 0.00504 m: lower press_speed"),
+        ({}, ["twist_speed=[1, 9]"], "steps move by up to 0.0266 m"),
     ],
 )
 def test_gel_or_path_that_cannot_be_is_refused_before_the_run(surfaces, tmp_path, entries, assignments, words):
