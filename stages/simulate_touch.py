@@ -20,7 +20,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files
 from pipeline.kernels.touch.elastic_contact import check_layer
 from pipeline.kernels.touch.lift import freed_object, lift_object
-from pipeline.kernels.touch.sensor import Friction, Sensor, beyond_ranges
+from pipeline.kernels.touch.sensor import Friction, Sensor
 from pipeline.kernels.touch.sliding import CHOSEN, Quantity, known_friction, measure_steps, stored_quantities
 from pipeline.store.directory import DataDirectory
 from pipeline.store.rows import Row
@@ -142,14 +142,16 @@ class SimulateTouch(ObjectStage):
 
     def describe_shard(self, settings: TouchSettings, shard: Shard) -> Iterator[str]:
         """Count the touches that are deeper than the gel's layer, or than what its colours were fitted to."""
+        from pipeline.kernels.touch.depth_maps import beyond_ranges
+
         if not shard.has("indentation"):
             return
         indentation = shard.read("indentation")[shard.read("ok")]
         touches = pluralise(int((indentation > 0).sum()), "touch")
-        ranges = ("elastic layer: forces there are too small", "calibration: colours there are those of its deepest contact")
+        ranges = ("elastic layer: their forces are too small", "calibration: their deepest colours are those of its deepest contact")
         for deeper, what in zip(beyond_ranges(indentation, sensors_of(shard)), ranges, strict=True):
             if deeper.any():
-                yield f"{deeper.sum()} of {touches}, up to {1e3 * indentation[deeper].max():.2f} mm deep, beyond the gel's {what}"
+                yield f"{deeper.sum()} of {touches} are up to {1e3 * indentation[deeper].max():.2f} mm deep, beyond the gel's {what}"
         if settings.sequence is not None:
             yield from _describe_lifts(shard)
 

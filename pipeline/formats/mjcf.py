@@ -31,19 +31,7 @@ UNNEEDED = ("cameras", "lights", "sites", "sensors", "keys", "textures", "skins"
 """Elements that grasps do not need, by their names in `MjSpec`."""
 DYNAMICS = {"damping": "dof_damping", "springs": "jnt_stiffness", "friction": "dof_frictionloss", "rotors": "dof_armature"}
 """Dynamics of joints by their names in `MjModel`, each joint's at its first degree of freedom."""
-NUMBERS = (
-    "body_pos",
-    "body_mass",
-    "body_inertia",
-    "jnt_pos",
-    "jnt_range",
-    "qpos0",
-    "geom_pos",
-    "geom_size",
-    "mesh_vert",
-    "eq_data",
-    "wrap_prm",
-)
+NUMBERS = "body_pos body_mass body_inertia jnt_pos jnt_range qpos0 geom_pos geom_size mesh_vert eq_data wrap_prm"
 """Numbers of a model that are refused beyond `MAX_NUMBER`; MuJoCo takes even NaN."""
 
 
@@ -53,7 +41,7 @@ def parse_mjcf(path: Path, root: str) -> HandModel:
     spec.compiler.fusestatic = spec.compiler.discardvisual = spec.compiler.usethread = False  # two drop links, and what is seen
     spec.memory = -1  # as much as all couplings need
     model = without_files("compile", spec.compile)
-    if wrong := [name for name in NUMBERS if not (np.abs(getattr(model, name)) <= MAX_NUMBER).all()]:
+    if wrong := [name for name in NUMBERS.split() if not (np.abs(getattr(model, name)) <= MAX_NUMBER).all()]:
         raise InvalidInput(f"it has numbers beyond {MAX_NUMBER:g}, or NaN, which MuJoCo reads as {', '.join(wrong)}")
     names = [model.body(body).name for body in range(1, model.nbody)]  # 0 is the world
     if root not in names:

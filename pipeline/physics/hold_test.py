@@ -77,22 +77,22 @@ class Track:
 
 @dataclass(frozen=True)
 class GelSpring:
-    """The spring of a gel's plate in a contact: its force grows with a power of its travel, then evenly."""
+    """The spring of a gel's plate in a contact: linear, or of an elastic gel as under a ball, with the square of the depth."""
 
     height: float = 0.0  # m, of the plate above the sensor plane where it meets the object
     stiffness: float = 0.0  # N/m there
     damping: float = 0.0  # N s/m
     torsion: float = 0.0  # m, moment about the normal that friction resists per newton of normal force
-    travel: float = 1.0  # m that the plate is pressed in there
-    exponent: float = 1.0
     mass: float = GEL_MASS  # kg of the plate
+    travel: float = 0.0  # m that the plate of an elastic gel is pressed in there
+    free: float | None = None  # m of its travel up to which it presses with nothing; None for a linear spring
 
     def force(self, travel: float) -> float:
-        """Compute the force, N, of a plate that is pressed in by `travel`, m, or not."""
-        if self.exponent == 1:
+        """Compute the force, N, of a plate that is pressed in by `travel`, m, or not; deeper than in the contact it grows evenly."""
+        if self.free is None:
             return self.stiffness * max(travel, 0.0)
-        share = min(max(travel / self.travel, 0.0), 1.0)
-        return self.stiffness * (self.travel / self.exponent * float(share**self.exponent) + max(travel - self.travel, 0.0))
+        depth, rest = max(max(travel, 0.0) - self.free, 0.0), self.travel - self.free
+        return self.stiffness * (depth**2 / (2 * rest) if depth < rest else depth - rest / 2)
 
 
 def gel_spring(
@@ -104,10 +104,10 @@ def gel_spring(
 ) -> GelSpring:
     """Compute the spring of a gel in a contact; one that does not touch is drawn in and has none.
 
-    In the contact an elastic gel presses with its force, which grows as it does there. Its plate is as heavy as `STEADY` steps ask, too
-    heavy for its weight to be true. A gel of whose file states no modulus presses as a Winkler foundation (pressure = modulus * indentation
-    / thickness). Where the plate's distance from there to the gel's surface is below `OVERLAP` it presses less: its stiffness would have no
-    bound. Friction about the normal is that of a disc of the contact's area under constant pressure, 2/3 μ times its radius.
+    In the contact an elastic gel has its force and stiffness, this at most `MAX_STIFFNESS`, and a plate as heavy as `STEADY` steps ask. A
+    gel whose file states no modulus presses as a Winkler foundation (pressure = modulus * indentation / thickness). Where the plate's
+    distance from there to the gel's surface is below `OVERLAP` it presses less: its stiffness would have no bound.
+    Friction about the normal is that of a disc of the contact's area under constant pressure, 2/3 μ times its radius.
     """
     if contact is None:
         return GelSpring()
@@ -116,12 +116,12 @@ def gel_spring(
     modulus = GEL_MODULUS if sensor.gel is None else sensor.gel.modulus
     stiffness = modulus / sensor.layer_thickness * contact.volume / max(top - height, OVERLAP)
     torsion = 2 / 3 * friction * float(np.sqrt(contact.area / np.pi))
-    travel, exponent, mass = max(top - height, OVERLAP), 1.0, GEL_MASS
+    mass, travel, free = GEL_MASS, 0.0, None
     if contact.force > 0:
-        stiffness, travel = min(contact.stiffness, MAX_STIFFNESS), travel + OVERLAP  # engines push the plate out of the object
-        exponent = max(stiffness * travel / contact.force, 1.0)  # at 1, gels that press more are softer than theirs
+        stiffness, travel = min(contact.stiffness, MAX_STIFFNESS), top - height + OVERLAP  # engines push the plate out of the object
         mass = max(GEL_MASS, stiffness * STEADY / STEPS_PER_SECOND**2)
-    return GelSpring(height, stiffness, 2 * DAMPING * float(np.sqrt(stiffness * mass)), torsion, travel, exponent, mass)
+        free = max(travel - 2 * contact.force / stiffness, -travel)  # a gel that presses harder for its stiffness is softened
+    return GelSpring(height, stiffness, 2 * DAMPING * float(np.sqrt(stiffness * mass)), torsion, mass, travel, free)
 
 
 class HoldTest(HandPhysics):

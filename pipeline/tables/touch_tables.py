@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.config.manifest import TOTAL
 from pipeline.console import Columns, Row, Table, tabulate
 from pipeline.dataset.object_rows import ObjectRows, has_paper_sizes, sensors_of
-from pipeline.kernels.touch.sensor import beyond_ranges
+from pipeline.kernels.touch.depth_maps import beyond_ranges
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location
 from pipeline.tables.supplement_figures import PAPER, TABLE_1, TOUCHES_PER_GRASP

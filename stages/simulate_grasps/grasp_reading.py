@@ -17,7 +17,7 @@ from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.physics.hold_test import HoldTest
 from pipeline.physics.simulation import Simulation
 from pipeline.store.rows import Row
-from stages.simulate_grasps.grasp_search import OPENING, RESTING_SPEED
+from stages.simulate_grasps.grasp_search import OPENING, OVERLOADED, RESTING_SPEED
 from stages.simulate_grasps.measured_grasps import Attempt, MeasuredGrasps
 from stages.simulate_grasps.prepare import measured_hand, prepare_object
 from stages.simulate_grasps.read_stage import ReadSettings, grasp_folder, model_joints
@@ -125,7 +125,9 @@ class GraspReader:
                     f"fingers still move after {steps} steps (read-grasps.settle_steps): does `vt-pipeline check` of the hand file name "
                     "links that overlap?"
                 )
-            grasp = self.measured.closed(pose, start, grasp)
+            grasp, within = self.measured.closed(pose, start, grasp)
+            if not within:
+                raise InvalidInput(f"{OVERLOADED}: is the pregrasp clear of the object?")
         attempt = self.measured.measure(pose, grasp if start is None else start, grasp, squeeze)
         if attempt.fault:
             raise InvalidInput(f"{attempt.fault}: {1e3 * attempt.penetration:.1f} mm; is read-grasps.root right for this hand?")

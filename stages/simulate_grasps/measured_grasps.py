@@ -61,11 +61,14 @@ class MeasuredGrasps:
             fault = f"a rigid link is more than {limit:g} mm inside the object ({self.limits.stage}.penetration_limit)"
         return Attempt(Grasp(pose, start, angles, squeeze, poses, contacts), penetration, fault)
 
-    def closed(self, pose: Array, start: Array, angles: Array) -> Array:
-        """Let the fingers that close from one posture (J,) to another stop where elastic gels take all of the motors' torque."""
+    def closed(self, pose: Array, start: Array, angles: Array) -> tuple[Array, bool]:
+        """Let the fingers that close from one posture (J,) to another stop where elastic gels take all of the motors' torque.
+
+        Also return whether there is such a posture.
+        """
         hand = self.measured_hand
         if any(sensor.gel is None for sensor in hand.sensors):
-            return angles
+            return angles, True
         return close_to_torque(hand.hand, hand.sensors, self.object.faces, pose, start, angles)
 
     def row(self, kept: Sequence[Attempt]) -> Row:

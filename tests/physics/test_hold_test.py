@@ -168,12 +168,12 @@ def test_elastic_gels_press_with_their_force_and_carry_the_weight_of_an_object_a
         np.testing.assert_allclose(forces[2], 0, atol=1e-9)  # rigid links do not touch
 
 
-def test_force_of_an_elastic_gels_plate_meets_the_contacts_with_its_slope_and_goes_on_straight() -> None:
+def test_force_of_an_elastic_gels_plate_is_the_contacts_with_its_slope_and_goes_on_straight() -> None:
     sensor = load_sensor("gelsight_mini")
-    contact = Contact(np.zeros(3), np.zeros(3), area=1e-4, volume=5e-8, nearest=sensor.w - 0.001, force=5.0, stiffness=9000.0)
+    contact = Contact(np.zeros(3), np.zeros(3), area=1e-4, volume=5e-8, nearest=sensor.w - 0.001, force=5.0, stiffness=12000.0)
     spring = gel_spring(sensor, contact, friction=0.5)
     assert spring.force(spring.travel) == pytest.approx(5.0)
-    assert (spring.force(spring.travel) - spring.force(spring.travel - 1e-7)) / 1e-7 == pytest.approx(9000, rel=1e-3)
-    assert spring.force(2 * spring.travel) == pytest.approx(5.0 + 9000 * spring.travel)
+    assert (spring.force(spring.travel) - spring.force(spring.travel - 1e-7)) / 1e-7 == pytest.approx(12000, rel=1e-3)
+    assert spring.force(2 * spring.travel) == pytest.approx(5.0 + 12000 * spring.travel)
     assert spring.force(0.0) == spring.force(-0.001) == 0
-    assert 0 < spring.force(spring.travel / 2) < 2.5
+    assert spring.force(spring.travel - 5.0 / 12000) == pytest.approx(5.0 / 4)  # at half the depth

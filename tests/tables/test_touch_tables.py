@@ -125,5 +125,5 @@ def test_forces_and_depths_of_elastic_gels_are_tabulated_and_said_with_what_is_b
     assert [row.cells[0] for row in table.rows] == ["bottle", "knife", "all"]
     shard = DataDirectory(tmp_path).collection(TOUCH).first
     layer, calibration = SimulateTouch().describe_shard(TouchSettings(), shard)
-    assert layer.startswith("2 of 10 touches, up to 2.50 mm deep, beyond the gel's elastic layer")
-    assert calibration.startswith("4 of 10 touches, up to 2.50 mm deep, beyond the gel's calibration")
+    assert layer.startswith("2 of 10 touches are up to 2.50 mm deep, beyond the gel's elastic layer")
+    assert calibration.startswith("4 of 10 touches are up to 2.50 mm deep, beyond the gel's calibration")

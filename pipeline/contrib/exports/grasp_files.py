@@ -102,7 +102,7 @@ def export_grasps(data: Location, folder: Path, objects: Sequence[str] = ()) -> 
         arrays["contact_points"] = np.where(touched, grasped.points(row["contact_point"]), np.nan)
         arrays["contact_normals"] = np.where(touched, np.einsum("ji,...j->...i", grasped.frame[:3, :3], row["contact_normal"]), np.nan)
         arrays |= {name: row[name] for name in ("held", "force", "pressure") if name in row}
-        described = {
+        described: dict[str, Any] = {
             "metres_per_unit": scale,
             "object_file": f"{grasped.name}.obj",
             "hand": hand.name,

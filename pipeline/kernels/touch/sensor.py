@@ -4,7 +4,7 @@ The sensor frame has its origin at the centre of the sensor plane, the base of t
 rows, +z is the outward normal. Lengths are metres.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -231,16 +231,6 @@ class Sensor(Entries):
     def shape(self) -> tuple[int, int]:
         """(rows, cols) of an image."""
         return self.rows, self.cols
-
-
-def beyond_ranges(
-    indentation: np.ndarray,  # (..., S) m, of the deepest point in each gel
-    sensors: Sequence[Sensor],  # S
-) -> tuple[Mask, Mask]:  # (..., S) each
-    """Find touches that are deeper than the gel's layer, and than the deepest contact that the sensor's colours were fitted to."""
-    layers = np.array([sensor.layer_thickness for sensor in sensors])
-    fitted = np.array([sensor.calibrated.deepest if sensor.calibrated else np.inf for sensor in sensors])
-    return indentation > layers, indentation > fitted
 
 
 def sensor_differences(one: Sensor, other: Sensor, *, but_for: Mapping[str, Any]) -> list[str]:
