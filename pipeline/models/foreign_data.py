@@ -30,8 +30,8 @@ SIZE_TOLERANCE = 0.02  # relative difference of sensors, and of the sides of tac
 
 def same_gel(one: Sensor, other: Sensor) -> bool:
     """Check whether two sensors have gels of one size: touch charts of one are then like those of the other."""
-    sizes = [(sensor.width, sensor.height, sensor.w) for sensor in (one, other)]
-    return bool(np.allclose(*sizes, rtol=SIZE_TOLERANCE, atol=0))
+    ours, theirs = ((sensor.width, sensor.height, sensor.w) for sensor in (one, other))
+    return bool(np.allclose(ours, theirs, rtol=SIZE_TOLERANCE, atol=0))
 
 
 def learned_sizes(trained: Trained) -> tuple[float, float]:

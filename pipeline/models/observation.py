@@ -94,8 +94,8 @@ def stored_observation(
             camera = rows.read("projection", object_id, camera=0)[view]
     touches: tuple[Touch, ...] = ()
     if config.touch and (of_gels or not config.takes_charts):
-        arrays = [np.stack([rows.read(name, object_id, grasp) for grasp in grasps]) for name in GEL_ARRAYS]  # (grasp, sensor, …)
-        touches = tuple(depth_touches(*arrays, rows.sensors(), scale, config))
+        depth, poses, touched = (np.stack([rows.read(name, object_id, grasp) for grasp in grasps]) for name in GEL_ARRAYS)
+        touches = tuple(depth_touches(depth, poses, touched, rows.sensors(), scale=scale, config=config))
     elif config.touch:
         vertices, stop_rule = (rows.read(name, object_id)[list(grasps)] for name in CHART_ARRAYS)  # (grasp, sensor, …)
         touches = chart_touches(vertices.reshape(-1, *vertices.shape[2:]), is_surface(stop_rule).reshape(-1))
@@ -107,6 +107,7 @@ def depth_touches(
     poses: np.ndarray,  # (grasp, sensor, 4, 4) sensor frame to world, m
     touched: np.ndarray,  # (grasp, sensor)
     sensors: Sequence[Sensor],
+    *,
     scale: float,  # of the object, to the size at which networks see all objects
     config: NetworkInputs,
 ) -> Iterator[Touch]:
@@ -186,8 +187,9 @@ def stack_observations(
     if config.of_points:
         return PointBatch(images, cameras, pad_touches(of_items, like))
     touches, size = [touch for touches in of_items for touch in touches], config.side**2
-    if any(touch.chart is None or len(touch.chart) != size for touch in touches):
+    vertices = [touch.chart for touch in touches if touch.chart is not None and len(touch.chart) == size]
+    if len(vertices) < len(touches):
         raise InvalidInput(f"the network takes touch charts of {size} vertices; some touches have none, or others")
-    charts = np.stack([touch.chart for touch in touches]) if touches else np.zeros((0, size, 3), np.float32)
+    charts = np.stack(vertices) if vertices else np.zeros((0, size, 3), np.float32)
     touched = torch.from_numpy(touched_flags(touches)).to(like.device)
     return ChartBatch(images, cameras, torch.from_numpy(charts).to(like), touched, [len(touches) for touches in of_items])

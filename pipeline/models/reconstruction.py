@@ -267,13 +267,14 @@ def close_reconstruction(
     observation: Observation | None = None,  # gives the touches of an implicit network
 ) -> tuple[NDArray[np.float64], NDArray[np.integer]]:  # vertices (V, 3) m, faces (F, 3)
     """Make one closed, smooth mesh of a reconstruction, through touched points; see `closed_surface`."""
-    charts, touches = reconstruction.vertices[reconstruction.vision :].reshape(-1, reconstruction.side**2, 3), ()
+    charts: Sequence[NDArray[Any]] = [*reconstruction.vertices[reconstruction.vision :].reshape(-1, reconstruction.side**2, 3)]
+    felt: list[tuple[NDArray[Any], NDArray[Any]]] = []
     if observation is not None:
         touches = [touch for touch in observation.touches if touch.touched]
-        charts = [touch.chart for touch in touches if touch.chart is not None]
+        charts = [touch.chart.astype(np.float64) for touch in touches if touch.chart is not None]
+        felt = [(touch.points, touch.normals) for touch in touches if touch.chart is None]
     faces = chart_square(reconstruction.side)[1].numpy()
-    felt = [(chart, -vertex_normals(chart, faces)) for chart in np.asarray(charts, np.float64)]
-    felt += [(touch.points, touch.normals) for touch in touches if touch.chart is None]
-    points, normals = (np.concatenate([np.zeros((0, 3)), *values]) for values in zip(*felt, strict=True)) if felt else np.zeros((2, 0, 3))
+    felt += [(chart, -vertex_normals(chart, faces)) for chart in charts]
+    points, normals = (np.concatenate([np.zeros((0, 3)), *values]) for values in (zip(*felt, strict=True) if felt else ((), ())))
     vertices, closed_faces = closed_surface(*join_vision_charts(reconstruction), points, normals, resolution=resolution)
     return vertices, np.asarray(closed_faces, np.int64)

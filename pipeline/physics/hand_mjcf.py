@@ -9,10 +9,8 @@ from pipeline.formats.mjcf_files import import_mujoco
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.physics.hand_urdf import gel_name, write_hand_urdf
+from pipeline.physics.hand_urdf import ARMATURE, gel_name, write_hand_urdf
 
-ARMATURE = {"revolute": 1e-3, "continuous": 1e-3, "prismatic": 0.3}
-"""kg m² and kg of a motor's rotor, reflected to its joint; without it, a light fingertip swings faster than the steps can follow."""
 HARD = {"solref": [0.005, 1.0], "solimp": [0.5, 0.99, 0.0001, 0.5, 2.0]}
 """Contacts and gears as stiff as DexGraspBench makes them."""
 MOTORS = {"revolute": 5.0, "continuous": 5.0, "prismatic": 1e3}

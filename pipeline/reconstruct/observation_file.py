@@ -77,7 +77,7 @@ class ObservedCamera(ObservationEntries):
     depth_scale: float = Field(default=1e-3, gt=0, le=1, description="m per level of a 16-bit depth image; 0.001 for mm")
     depth_as_touch: bool = Field(
         default=False,
-        description="give the visible points of `depth` as touched, to networks with touch: for depth right to 0.4 % of the object; needs `mask`",
+        description="give visible points of `depth` as touched, to networks with touch: for errors up to 0.4 % of its size; needs `mask`",
     )
 
     @model_validator(mode="after")
@@ -256,7 +256,7 @@ class RobotObservation(ObservationEntries):
     def gel_normals(self) -> NDArray[np.float64]:
         """(T, 3) directions out of the gels, by given points their mean normals."""
         outward = [[0, 0, 1.0] if touch.cloud is None else touch.cloud[:, 3:].mean(axis=0) for touch in self.touches]
-        return np.einsum("tij,tj->ti", self.sensor_poses[:, :3, :3], np.reshape(outward, (-1, 3)))
+        return np.asarray(np.einsum("tij,tj->ti", self.sensor_poses[:, :3, :3], np.reshape(outward, (-1, 3))))
 
     def __repr__(self) -> str:
         photograph = "a photograph" if self.camera else "no photograph"

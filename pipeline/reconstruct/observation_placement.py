@@ -171,8 +171,9 @@ def _touch_remarks(
     observation, inputs, sensor, camera = checked.observation, checked.inputs, target.sensor, checked.observation.camera
     if inputs.touch and observation.touches:
         charted = [n for n, touch in enumerate(observation.touches) if sensor and target.is_charted(touch, observation.sensor_of(n))]
-        if sensor and (shapes := {np.shape(observation.touches[n].tactile_image)[:2] for n in charted} - {sensor.shape}):
-            (rows, cols), *_ = shapes
+        charted_images = [image for n in charted if (image := observation.touches[n].tactile_image) is not None]
+        if sensor and charted_images and charted_images[0].shape[:2] != sensor.shape:
+            rows, cols = charted_images[0].shape[:2]
             yield f"tactile images resampled from {cols} x {rows} to {sensor.cols} x {sensor.rows} pixels"
         photographed = [n for n, touch in enumerate(observation.touches) if touch.tactile_image is not None]
         if names := {observation.sensor_of(n).name for n in photographed if observation.untouched_of(n) is None}:

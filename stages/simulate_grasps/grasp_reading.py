@@ -17,7 +17,7 @@ from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.physics.hold_test import HoldTest
 from pipeline.physics.simulation import Simulation
 from pipeline.store.rows import Row
-from stages.simulate_grasps.grasp_search import OPENING, RESTING_SPEED
+from stages.simulate_grasps.grasp_search import OPENING, OVERLOADED, RESTING_SPEED
 from stages.simulate_grasps.measured_grasps import Attempt, MeasuredGrasps
 from stages.simulate_grasps.prepare import measured_hand, prepare_object
 from stages.simulate_grasps.read_stage import ReadSettings, grasp_folder, model_joints
@@ -125,6 +125,9 @@ class GraspReader:
                     f"fingers still move after {steps} steps (read-grasps.settle_steps): does `vt-pipeline check` of the hand file name "
                     "links that overlap?"
                 )
+            grasp, within = self.measured.closed(pose, start, grasp)
+            if not within:
+                raise InvalidInput(f"{OVERLOADED}: is the pregrasp clear of the object?")
         attempt = self.measured.measure(pose, grasp if start is None else start, grasp, squeeze)
         if attempt.fault:
             raise InvalidInput(f"{attempt.fault}: {1e3 * attempt.penetration:.1f} mm; is read-grasps.root right for this hand?")
@@ -154,9 +157,10 @@ class GraspReader:
         beyond = np.maximum(hand.lower - vector, vector - hand.upper)
         if beyond.max() > (BEYOND if phase == "grasp" else TARGET_BEYOND):
             joint = int(beyond.argmax())
+            unit = "m" if hand.joints[hand.joint_links[joint] - 1].kind == "prismatic" else "rad"
             raise InvalidInput(
                 f"joint {hand.joint_names[joint]} is {vector[joint]:.3g} in the {phase}, its limits are {hand.lower[joint]:.3g} to "
-                f"{hand.upper[joint]:.3g}; is it in rad (m), and do read-grasps.joints and the hand fit the file?"
+                f"{hand.upper[joint]:.3g}; is it in {unit}, and do read-grasps.joints and the hand fit the file?"
             )
         for name, value in hand.joint_values(vector).items():
             if phase == "grasp" and abs(by_name.get(name, value) - value) > BEYOND:

@@ -15,7 +15,8 @@ from pipeline.kernels.touch.depth_maps import scaled_gel
 from pipeline.kernels.touch.sensor import Gel, resample
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 from pipeline.real_touch import random_presses, save_sensor_network
-from stages.train_touch import Presses, PressLearner, TouchTrainingSettings, train_local_network, vary_change
+from pipeline.training.presses import Presses
+from stages.train_touch import PressLearner, TouchTrainingSettings, train_local_network, vary_change
 
 SENSOR = resample(load_sensor("gelsight"), 36, 48).model_copy(update={"membrane": 0.0, "gel": Gel(modulus=1e5)})
 SETTINGS: dict[str, Any] = {"epochs": 20, "batch_size": 8, "window": 24, "width": 8, "learning_rate": 1e-2}

@@ -29,7 +29,7 @@ AT_RIM = 0.93
 """Share of the greatest change along a ray from the middle of a contact, at its rim: up to there the ball's slope grows, and around it the
 gel's falls. Chosen by simulated photographs, where rims are known, and by annotated ones, whose radii differ by -4 and 9 % in two sets."""
 ALIKE = 3.0  # standard deviation of smoothing across rays, in rays
-FITS, SETTLED = 5, 0.1  # of the circle, each about the middle of the last; largest shift of the last one, radii
+FITS, SETTLED = 5, 0.2  # of the circle, each about the middle of the last; largest shift of the last one, radii
 BEYOND = 1.05  # radii of the ball up to which the rim is searched
 ASIDE = 0.06  # distance of points of the rim from the circle, radii, up to which they count
 ROUNDNESS = 0.2  # of `contact_aspect`: largest distance of the rim from a circle, radii

@@ -53,8 +53,9 @@ def chart_touches(
     normals, corner = chart_normals(charts), round(charts.shape[1] ** 0.5) - 1  # the end of the first row
     touches = []
     for chart, normal, is_touched in zip(charts, normals, touched, strict=True):
-        felt = (chart, normal, none, none) if is_touched else (none, none, chart, normal)
-        touches.append(Touch(*felt, width=float(np.linalg.norm(chart[corner] - chart[0])), chart=chart))
+        points, normals_there, free, free_normals = (chart, normal, none, none) if is_touched else (none, none, chart, normal)
+        width = float(np.linalg.norm(chart[corner] - chart[0]))
+        touches.append(Touch(points, normals_there, free, free_normals, width, chart))
     return tuple(touches)
 
 

@@ -1,5 +1,6 @@
 """`calibrate-sensor` on rendered photographs of a known model: it recovers the model, finds circles and names bad photographs."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,11 +8,13 @@ import pytest
 from PIL import Image
 
 import vt_pipeline
+from benchmarks.real_touch.hard_sets import HardSet, hard_press, hard_untouched
 from pipeline.contrib.calibration.ball_contact import Circle, ball_impression
 from pipeline.contrib.calibration.ball_photographs import read_photographs
 from pipeline.contrib.calibration.calibrate_sensor import check_name
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor, sensor_files
+from pipeline.kernels.touch.markers import MarkerGrid
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import background, tactile_image, untouched_image
 from pipeline.real_touch import TouchReader
@@ -153,6 +156,30 @@ def test_invalid_circles_are_refused(folder: Path, line: str, message: str) -> N
     with pytest.raises(InvalidInput, match=message):
         read_photographs(folder, folder.parent / "untouched.png", LARGEST)
     (folder / "circles.csv").unlink()
+
+
+def test_contact_wider_than_the_ball_is_its_equator_or_refused(folder: Path) -> None:
+    (folder / "circles.csv").write_text(f"name,x,y,radius\n0.png,90,80,{1.05 * LARGEST}\n1.png,90,80,{1.3 * LARGEST}\n")
+    photographs, _, unusable = read_photographs(folder, folder.parent / "untouched.png", LARGEST)
+    (folder / "circles.csv").unlink()
+    (equator,) = (one.contact for one in photographs if one.name == "0.png")
+    assert equator.radius == LARGEST
+    assert ball_impression(TRUE, equator, BALL).max() == pytest.approx(BALL, rel=0.02)
+    assert "is wider than the ball, 22.6: correct that line, --ball-radius or --mm-per-pixel" in unusable["1.png"]
+
+
+def test_printed_dots_are_filled_in(tmp_path: Path) -> None:
+    described = HardSet("dots", tail=0.3, shape=(120, 160), mm_per_pixel=0.12, markers=MarkerGrid(rows=6, cols=8, radius=4.5e-4))
+    plain, largest = replace(described, markers=None), 2.35 / 0.12
+    Image.fromarray(hard_untouched(described)).save(tmp_path / "untouched.png")
+    for number in range(4):
+        Image.fromarray(hard_press(described, number).image).save(tmp_path / f"{number}.png")
+    photographs, untouched, _ = read_photographs(tmp_path, tmp_path / "untouched.png", largest)
+    assert np.abs(untouched - hard_untouched(plain).astype(float)).mean() < 3
+    for number, one in enumerate(photographs):
+        press = hard_press(plain, number)
+        assert np.abs(one.image - press.image.astype(float)).mean() < 3
+        assert one.contact.radius == pytest.approx(press.circle.radius, rel=0.15)
 
 
 def test_contact_outside_its_photograph_is_unusable(folder: Path) -> None:

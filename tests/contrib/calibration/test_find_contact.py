@@ -1,13 +1,34 @@
 """Deep contacts in gels that are drawn in around them, and contacts cut by the border of the image."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from benchmarks.real_touch.hard_sets import HardSet, hard_press, hard_untouched
 from pipeline.contrib.calibration.ball_contact import Circle, ball_impression
 from pipeline.contrib.calibration.find_contact import find_contact
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
+
+DEEP = HardSet("deep", tail=0.3, shape=(120, 160), mm_per_pixel=0.12)
+"""Contacts of 0.8 to 0.98 radii of a ball of 19.6 pixels, around which the gel is drawn in."""
+
+
+@pytest.mark.parametrize("tail", [0.25, 0.5])
+@pytest.mark.parametrize("lamps", ["three", "corners"])
+def test_deep_contact_is_found_and_not_the_gel_around_it(tail: float, lamps: str) -> None:
+    described = replace(DEEP, tail=tail, lamps=lamps)
+    press = hard_press(described, 3)
+    found = find_contact(press.image, hard_untouched(described), largest=2.35 / 0.12)
+    assert np.hypot(found.x - press.circle.x, found.y - press.circle.y) < 0.15 * press.circle.radius
+    assert found.radius == pytest.approx(press.circle.radius, rel=0.12)
+
+
+def test_contact_is_no_larger_than_the_ball() -> None:
+    press = hard_press(DEEP, 3)
+    assert find_contact(press.image, hard_untouched(DEEP), largest=12.0).radius <= 12.0
 
 
 @pytest.fixture(scope="module")
