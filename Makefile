@@ -114,6 +114,8 @@ simulate-touch.%: $(GRASPS).%
 	@$(SHARD)
 simulate-presses.%: sample-surfaces.%
 	@$(SHARD)
+simulate-slides.%: sample-surfaces.%
+	@$(SHARD)
 sample-distances.%: sample-surfaces.%
 	@$(SHARD)
 train-unet: every-simulate-touch  ## train the U-Net that predicts depth from tactile images
@@ -157,7 +159,7 @@ reproduce:  ## test the supplement's claims on 240 procedural objects, its netwo
 	$(MAKE) --no-print-directory -j$$(nproc) report SEEDS="0 1 2" $(FOUR) && \
 	echo "dataset: $$(((made - began) / 60)) min; training, evaluation and report: $$((($$(date +%s) - made) / 60)) min on $$(nproc) cores"
 
-.PRECIOUS: every-% sample-surfaces.% sample-distances.% read-renderings.% read-grasps.% simulate-grasps.% render-vision.% simulate-touch.% simulate-presses.% fit-charts.% dataset.% \
+.PRECIOUS: every-% sample-surfaces.% sample-distances.% read-renderings.% read-grasps.% simulate-grasps.% render-vision.% simulate-touch.% simulate-presses.% simulate-slides.% fit-charts.% dataset.% \
            train-gcn.% train-implicit.% evaluate.%
 
 summary: every-dataset  ## the statistics and contact sheets alone

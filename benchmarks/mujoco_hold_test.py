@@ -106,7 +106,7 @@ class MujocoHoldTest(HoldTest):
     def _drive(self, posture: Array) -> None:
         self.data.ctrl[:] = posture
 
-    def _step(self, seconds: float) -> None:
+    def advance(self, seconds: float) -> None:
         self.mujoco.mj_step(self.model, self.data, nstep=round(seconds / TIMESTEP))
 
     def _press(self, number: int, contact: Contact | None, *, out: bool) -> None:  # type: ignore[override]

@@ -13,6 +13,7 @@ from stages.registry import GRASP_STAGES, load_stage, resolve
 
 ASSIGNMENTS = [
     *("sample-surfaces.points=1000", "simulate-grasps.attempts=5", "simulate-grasps.ik_samples=256", "render-vision.resolution=64"),
+    *("simulate-slides.slides=1", "simulate-slides.steps=8", "simulate-slides.rate=4", "simulate-slides.pixels=40"),
     *("train-unet.width=2", "train-unet.epochs=1", "fit-charts.max_iterations=10"),
 ]
 GROWTH_MB = 30

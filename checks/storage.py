@@ -91,7 +91,7 @@ def test_every_stage_gives_the_same_digests_as_on_a_disk(address, manifest, made
     assert digests(data) == digests(made)
     for stage in GRASP_STAGES:
         assert "up to date" in vt(*run_of(stage, manifest, data))
-    assert vt("validate", data).count(": valid") == 7 * 3 + 5 - 7 * _empty(data)
+    assert vt("validate", data).count(": valid") == 8 * 3 + 5 - 8 * _empty(data)
     assert files_below(as_location(data) / ".work") == {}
     here, there = (GraspDataset(directory, ["tactile_image", "local_points"], split=None) for directory in (made, data))
     assert all(np.array_equal(here[item][name], there[item][name]) for item in (0, 7) for name in ("tactile_image", "local_points"))

@@ -11,7 +11,7 @@ from pipeline.entries import Entries
 
 Dtype = Literal["float64", "float32", "int32", "uint8", "bool", "string"]
 
-FIXED = {"xyz": 3, "rgb": 3, "rgba": 4, "uv": 2, "corner": 3, "pose_row": 4, "pose_column": 4, "image_axis": 3, "homogeneous": 4}
+FIXED = {"xyz": 3, "rgb": 3, "rgba": 4, "xy": 2, "uv": 2, "corner": 3, "pose_row": 4, "pose_column": 4, "image_axis": 3, "homogeneous": 4}
 """Dimensions whose size is the same everywhere; every other size belongs to a dataset, and is the same in all its shards."""
 
 
@@ -43,7 +43,7 @@ class Array:
         return self.dims[:1] == ("object",)
 
 
-INDEXED_DIMS = ("grasp", "viewpoint", "press")
+INDEXED_DIMS = ("grasp", "viewpoint", "press", "slide")
 """Second dimensions of which readers take one entry at a time: in large arrays each is a chunk of its own."""
 
 COMMON = {

@@ -104,7 +104,7 @@ GRASPS = Artifact(
             "object",
             "string",
             "1",
-            "From `read-grasps`: file and number of each grasp, one per line, 0 first. Grasps beyond the last line are empty.",
+            "From `read-grasps`: file and number of each grasp, one per line, 0 first. Grasps beyond the last line repeat them.",
             optional=True,
         ),
         "refused_grasps": Array(
@@ -114,7 +114,7 @@ GRASPS = Artifact(
             "From `read-grasps`: grasps of its files that are not among them, with reasons, one per line.",
             optional=True,
         ),
-        "attempts": Array("object", "int32", "1", "Placements of the hand tried, before the best were chosen."),
+        "attempts": Array("object", "int32", "1", "Placements of the hand tried, or grasps in files, before the best were chosen."),
         "attempt_success": Array(
             "object sensor", "float32", "1", "Share of the attempts made in which the sensor touched, before the best were chosen."
         ),

@@ -30,6 +30,13 @@ TOUCH = Artifact(
             "object grasp sensor row col", "float32", "Pa", "Normal pressure on an elastic gel, 0 outside the contact.", optional=True
         ),
         "force": Array("object grasp sensor", "float32", "N", "Normal force on an elastic gel.", optional=True),
+        "indentation": Array(
+            "object grasp sensor",
+            "float32",
+            "m",
+            "How deep the object is in the undeformed elastic gel at its deepest point.",
+            optional=True,
+        ),
         "local_points": Array(
             "object grasp sensor point xyz",
             "float32",

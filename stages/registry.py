@@ -33,6 +33,7 @@ BUILT_IN = {
     "render-vision": "stages.render_vision.stage:RenderVision",
     "simulate-touch": "stages.simulate_touch:SimulateTouch",
     "simulate-presses": "stages.simulate_presses:SimulatePresses",
+    "simulate-slides": "stages.simulate_slides:SimulateSlides",
     "sample-distances": "stages.sample_distances:SampleDistances",
     "train-unet": "stages.train_unet:TrainUnet",
     "train-touch": "stages.train_touch:TrainTouch",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 
 from pipeline.config.settings import ObjectSettings, described_by, setting
+from pipeline.console import pluralise
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import paired_rows, sensors_of
 from pipeline.engine.keys import assets_digest
@@ -17,6 +18,7 @@ from pipeline.formats.sensor_file import load_worn_sensors, sensor_files
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.directory import DataDirectory
 from pipeline.store.rows import Row
+from pipeline.store.shard import Shard
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -98,6 +100,19 @@ class SimulateTouch(ObjectStage):
         """Describe each finger's sensor, for readers of the arrays: `width`, `w`, `range` and the rest."""
         return {"sensors": [sensor.model_dump(mode="json") for sensor in load_worn_sensors(settings.sensors or ())]}
 
+    def describe_shard(self, settings: TouchSettings, shard: Shard) -> Iterator[str]:
+        """Count the touches that are deeper than the gel's layer, or than what its colours were fitted to."""
+        from pipeline.kernels.touch.depth_maps import beyond_ranges
+
+        if not shard.has("indentation"):
+            return
+        indentation = shard.read("indentation")[shard.read("ok")]
+        touches = pluralise(int((indentation > 0).sum()), "touch")
+        ranges = ("elastic layer: their forces are too small", "calibration: their deepest colours are those of its deepest contact")
+        for deeper, what in zip(beyond_ranges(indentation, sensors_of(shard)), ranges, strict=True):
+            if deeper.any():
+                yield f"{deeper.sum()} of {touches} are up to {1e3 * indentation[deeper].max():.2f} mm deep, beyond the gel's {what}"
+
     def cost(self, settings: TouchSettings) -> Cost:
         return Cost(seconds=0.03 if settings.tracer == "ray" else 0.7, kilobytes=1600 if settings.store_points else 600)
 
@@ -127,7 +142,7 @@ def _touch(
     rng: np.random.Generator | None,
 ) -> Row:
     """Compute one sensor's arrays; tactile image and local points follow from the depth as it is stored."""
-    from pipeline.kernels.touch.depth_maps import local_points, normal_force, press_gel, quantise_depth
+    from pipeline.kernels.touch.depth_maps import impression, local_points, normal_force, press_gel, quantise_depth
     from pipeline.kernels.touch.ray_depth import ray_depth, sphere_traced_depth
     from pipeline.kernels.touch.tactile_image import render_gel
 
@@ -140,6 +155,7 @@ def _touch(
     row: Row = {"depth": depth, "tactile_image": render_gel(gel.indentation, sensor, rng)}
     if gel.pressure is not None:
         row |= {"pressure": gel.pressure.astype(np.float32), "force": np.array(normal_force(gel.pressure, sensor), np.float32)}
+        row["indentation"] = np.array(impression(depth, sensor).max(), np.float32)
     if settings.store_points:
         points, count = local_points(depth, pose, sensor)
         row |= {"local_points": points, "local_count": np.asarray(count)}

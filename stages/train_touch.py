@@ -1,4 +1,4 @@
-"""`train-touch`: a local network learns to read depth and contact in photographs, from simulated presses."""
+"""`train-touch`: a local network learns to read depth in photographs, from simulated presses."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class TouchTrainingSettings(TrainingSettings):
         ge=1,
     )
     patience: Literal[None] = setting(None, "the last epoch is kept")
-    width: int = setting(20, "features of the hidden layers: 6,500 parameters", ge=1, le=2**12)
+    width: int = setting(20, "features of the hidden layers: 5,000 parameters", ge=1, le=2**12)
     window: int = setting(64, "pixels per side of the part of a press that a step sees; it costs a sixth of whole images of 160", ge=16)
     image_gain: float = setting(
         0.07,
@@ -259,10 +259,10 @@ def _blurred(image: Tensor, sigma: float) -> Tensor:
 
 
 class TrainTouch(Training):
-    """Train a small network that reads the gel's depth and contact from changes of colour."""
+    """Train a small network that reads the gel's depth from changes of colour."""
 
     name = NAME
-    summary = "A local network that reads depth and contact in photographs of a sensor, from simulated presses."
+    summary = "A local network that reads depth in photographs of a sensor, from simulated presses."
     settings_type = TouchTrainingSettings
 
     def inputs(self, settings: TouchTrainingSettings) -> tuple[Artifact, ...]:

@@ -315,12 +315,12 @@ def test_version_equals_the_package_version() -> None:
 @pytest.mark.parametrize(
     ("words", "completed"),
     [
-        ("run sim", ["simulate-grasps", "simulate-touch", "simulate-presses"]),
+        ("run sim", ["simulate-grasps", "simulate-touch", "simulate-presses", "simulate-slides"]),
         ("run sample-surfaces --preset d", ["draft"]),
         ("run sample-surfaces --object duc", ["duck"]),
         ("run sample-surfaces --manifest no-such --object duc", []),
         ("run sample-surfaces --manifest fo", ["four-classes"]),
-        ("run sample-surfaces --set simulate-", ["simulate-grasps.", "simulate-touch.", "simulate-presses."]),
+        ("run sample-surfaces --set simulate-", ["simulate-grasps.", "simulate-touch.", "simulate-presses.", "simulate-slides."]),
         ("run sample-surfaces --set sample-s", [f"sample-surfaces.{name}=" for name in SurfaceSettings.model_fields]),
         ("run sample-surfaces --set simulate-grasps.attem", ["simulate-grasps.attempts=50"]),
         ("run sample-surfaces --set simulate-grasps.sensor", [f"simulate-grasps.sensor={name}" for name in shipped_files("sensor")]),
@@ -330,7 +330,7 @@ def test_version_equals_the_package_version() -> None:
         ("run sample-surfaces --set simulat-touch.tracer=sp", []),
         ("run sample-surfaces --set simulate-touch.trace=", []),
         ("check gelsight_", ["gelsight_mini"]),
-        ("submit sim", ["simulate-grasps", "simulate-touch", "simulate-presses"]),
+        ("submit sim", ["simulate-grasps", "simulate-touch", "simulate-presses", "simulate-slides"]),
     ],
 )
 def test_shell_completes_names(words: str, completed: list[str]) -> None:

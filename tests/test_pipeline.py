@@ -35,6 +35,7 @@ ROOT = Path(__file__).parents[1]
 ASSIGNMENTS = [
     *("sample-surfaces.points=2000", "simulate-grasps.attempts=6", "simulate-grasps.ik_samples=512"),
     *("simulate-presses.presses=5", "simulate-presses.pixels=40"),
+    *("simulate-slides.slides=2", "simulate-slides.steps=8", "simulate-slides.rate=4", "simulate-slides.pixels=40"),
     *("train-unet.width=4", "train-unet.epochs=2", "train-unet.batch_size=8", "fit-charts.max_iterations=10"),
     *("train-touch.width=4", "train-touch.epochs=2", "train-touch.batch_size=8"),
     *("train-gcn.epochs=2", "train-gcn.gcn_layers=3", "train-gcn.gcn_features=12", "train-gcn.encoder_width=0.25"),
@@ -228,6 +229,8 @@ def test_report_shows_tables_figures_and_scenes_of_the_evaluation(made):
     assert "Do the orderings of Smith et al. 2020 hold?" in results
     assert pages["index.html"].count("figures/overview-") == 6
     assert "reconstruction: occluded-touch" in pages["index.html"]
+    assert "steps not settled" in pages["index.html"]
+    assert 'src="duck.slide.webp"' in pages["duck.html"]
     for name, page in pages.items():
         visible = re.sub(r'data:[^"]+', "", page)
         assert not [words for words in UNEXPLAINED if words in visible], name

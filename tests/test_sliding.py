@@ -121,7 +121,7 @@ def test_markers_move_with_the_gel_and_are_drawn_where_they_are():
         ({"friction": -0.1}, r"friction is -0\.1; a coefficient is from 0 to 1000"),
         ({"friction": np.nan}, "friction is nan"),
         ({"friction": np.inf}, "friction is inf"),
-        ({"friction": None}, "the friction of sensor gelsight is not known: give friction=…, or add `gel: {friction: …}` to its file"),
+        ({"friction": None}, "the friction of sensor gelsight is not known: give friction, or add `gel: {friction: …}` to its file"),
         ({"sensor": SENSOR.model_copy(update={"gel": None})}, "sensor gelsight has no elastic gel, which slides need"),
         ({"poses": path()[STEPS:]}, r"poses\[0\] is in contact, 0\.[45]\d* mm deep, and the shear of the gel is unknown"),
         (

@@ -1,6 +1,6 @@
 # Tests on other systems, and measurements: targets for contributors. Included by the Makefile.
 
-.PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults findings fuzz bench bench-before bench-grasps bench-peers \
+.PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults findings fuzz bench bench-before bench-grasps bench-gels bench-peers \
         bench-touch tradeoff weights sensor-weights
 
 PEERS_PYTHON := .venv-peers/bin/python
@@ -78,6 +78,13 @@ bench-before: setup  ## measure this checkout beside the commit BEFORE, in turns
 
 bench-grasps: installed-dev $$(if $$(PUBLIC),installed-dexgraspbench,simulate-grasps.0)  ## test DATA's grasps in PyBullet and MuJoCo: lift, six directions, DexGraspBench; PUBLIC=FOLDER: those of a clone of DexGraspBench beside ours, in its own test too; writes docs/peers.md (an hour on 2 cores)
 	@$(BIN)/python -m benchmarks.$(if $(PUBLIC),public_grasps $(call quoted,$(PUBLIC)) --write docs/peers.md,held_grasps $(call quoted,$(DATA)))
+
+GELS     := gelsight_mini gelsight digit
+HELD_GELS = --manifest benchmarks/held_gels.yaml --data data/held-gels/$(1) --set sample-surfaces.diagonal=0.15 \
+            --set simulate-grasps.search=hold --set simulate-grasps.grasps=3 --set simulate-grasps.sensor=$(1)
+bench-gels: installed-dev  ## measure depth, force and torque of elastic gels in grasps of eight objects of 15 cm, and the forces on the objects at rest
+	@$(foreach gel,$(GELS),$(BIN)/vt-pipeline run sample-surfaces simulate-grasps $(call HELD_GELS,$(gel)) &&) \
+	$(BIN)/python -m benchmarks.held_gels $(addprefix data/held-gels/,$(GELS))
 
 bench-peers: installed-peers installed-tacto installed-tactile-mnist simulate-touch.0  ## measure TACTO, Taxim, tactile-mnist, KeOps, HDF5 … beside ours; writes docs/peers.md
 	@KEOPS_CACHE_FOLDER="$$PWD/.venv-peers/keops" OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks --data $(call quoted,$(DATA)) --write docs/peers.md

@@ -2,7 +2,8 @@
 
 import runpy
 import sys
-from collections.abc import Callable
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -10,14 +11,13 @@ from typing import Any
 import numpy as np
 
 import vt_pipeline as vt
-from pipeline.kernels.touch.sensor import MM, pixel_centres
-from tools.picture_row import draw_row
+from pipeline.drawing.slide_pictures import Touches, draw_field, draw_forces
+from pipeline.kernels.touch.sensor import Sensor
+from tools.picture_row import Panel, draw_row
 
 ROOT = Path(__file__).parents[1]
-SHOWN = {"pressed": 0.2, "slid": 0.41, "then twisted": 0.73}
-"""Times of the path."""
-STEP = 10
-"""Pixels from arrow to arrow."""
+SHOWN = {"pressed": 0.2, "slid": 0.53, "then twisted": 0.88}
+"""Shares of the path."""
 
 
 def main() -> None:
@@ -25,40 +25,35 @@ def main() -> None:
     with TemporaryDirectory() as folder:
         sys.argv[1:] = [f"{folder}/slide.webp"]
         example = runpy.run_path(str(ROOT / "examples" / "slide.py"))
-    touches = list(vt.slide(example["ball"], example["sensor"], example["poses"], friction=0.5))
-    numbers = {title: int(np.searchsorted(example["time"], time)) for title, time in SHOWN.items()}
-    panels: list[tuple[str, Any]] = [(title, vt.markers(touches[k], example["dots"]).image) for title, k in numbers.items()]
-    panels.append(("force and torque", forces(example["time"], touches)))
-    panels += [(f"{title}: motion and slip", field(touches[k])) for title, k in numbers.items()]
-    panels.append(("share of the contact that slips", lambda axes: axes.plot(example["time"], [touch.slip_share for touch in touches])))
-    draw_row(panels, ROOT / "docs" / "pictures" / "slides.webp", columns=4, inches=2.2)
+    steps = list(vt.slide(example["ball"], example["sensor"], example["poses"], friction=0.5))
+    touches = {
+        "time": example["time"],
+        "tactile_image": np.stack([vt.markers(step, example["dots"]).image for step in steps]),
+        "pressure": np.stack([step.pressure for step in steps]),
+        "shear": np.stack([step.displacement for step in steps]),
+        "slip": np.stack([step.slip for step in steps]),
+        "force": np.array([[*step.shear_force, -step.force] for step in steps]),
+        "torque": np.array([step.torque for step in steps]),
+    }
+    draw_row(slide_panels(touches, example["sensor"], SHOWN), ROOT / "docs" / "pictures" / "slides.webp", columns=4)
 
 
-def field(touch: vt.SlidingTouch) -> Callable[[Any], None]:
-    """Draw where a touch sticks and slips, and how the gel's surface is displaced."""
+def slide_panels(touches: Touches, sensor: Sensor, shown: Mapping[str, float]) -> list[tuple[str, Panel]]:
+    """Make the panels of two rows: images at shares of a slide, and forces; then motion and slip of the gel, and the slipping share."""
+    steps = {title: round(share * (len(touches["time"]) - 1)) for title, share in shown.items()}
 
-    def draw(axes: Any) -> None:
-        x, y = (MM * centres for centres in pixel_centres(touch.sensor))
-        area = [x[0], x[-1], y[-1], y[0]]
-        axes.imshow(np.where(touch.slips, 1.0, np.where(touch.contact, 0.35, 0)), cmap="Oranges", vmin=0, vmax=1.6, extent=area)
-        moved = MM * touch.displacement[STEP // 2 :: STEP, STEP // 2 :: STEP]
-        axes.quiver(x[STEP // 2 :: STEP], y[STEP // 2 :: STEP], *np.moveaxis(3 * moved, -1, 0), angles="xy", scale_units="xy", scale=1)
-        axes.set(xticks=[], yticks=[], xlim=(-6, 6), ylim=(5, -5))
+    def field(step: int, axes: Any) -> None:
+        draw_field(axes, touches, sensor)(step)
 
-    return draw
+    def forces(axes: Any) -> None:
+        draw_forces(axes, touches)
 
-
-def forces(time: np.ndarray, touches: list[vt.SlidingTouch]) -> Callable[[Any], None]:
-    """Draw forces and torque over time."""
-
-    def draw(axes: Any) -> None:
-        axes.plot(time, [touch.force for touch in touches], label="normal, N")
-        axes.plot(time, [-touch.shear_force[0] for touch in touches], label="against x, N")
-        axes.plot(time, [-1e3 * touch.torque for touch in touches], label="torque, mN·m")
-        axes.set_ylim(0, 1)
-        axes.legend(fontsize=7, loc="upper left")
-
-    return draw
+    contact, slips = touches["pressure"] > 0, touches["slip"].any(axis=-1)
+    share = slips.sum(axis=(1, 2)) / np.maximum(contact.sum(axis=(1, 2)), 1)
+    images: list[tuple[str, Panel]] = [(title, touches["tactile_image"][step]) for title, step in steps.items()]
+    fields: list[tuple[str, Panel]] = [("", partial(field, step)) for step in steps.values()]
+    slipping = ("share of the contact that slips", lambda axes: axes.plot(touches["time"], share))
+    return [*images, ("force and torque", forces), *fields, slipping]
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,20 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.touch.depth_maps import press_gel
 from pipeline.kernels.touch.elastic_contact import check_layer
-from pipeline.kernels.touch.friction import (
-    FrictionState,
-    drag_gel,
-    gel_at_rest,
-    object_motion,
-    on_pixels,
-    surface_displacement,
-    surface_traction,
-)
 from pipeline.kernels.touch.markers import MarkerGrid, dot_displacement, draw_dots
 from pipeline.kernels.touch.ray_depth import ray_depth
-from pipeline.kernels.touch.sensor import MAX_FRICTION, MM, Sensor, pixel_centres, sensor_differences
+from pipeline.kernels.touch.sensor import MAX_FRICTION, Sensor, sensor_differences
+from pipeline.kernels.touch.sliding import SlideStep, known_friction, slide_gel
 from pipeline.kernels.touch.tactile_image import render_gel
 from vt_pipeline.objects import Source, TouchObject, as_object
 from vt_pipeline.touching import Touch, as_poses, as_rng, as_sensor
@@ -33,65 +23,16 @@ DOT_RADIUS = 3e-4  # m, of dots whose sensor has no `markers`
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SlidingTouch(Touch):
+class SlidingTouch(SlideStep, Touch):
     """Hold one step of a slide: a `Touch`, and what friction does to its gel.
 
     Components are along x and y of the sensor frame; forces are the object's on the gel.
 
     Attributes
     ----------
-    state
-        The gel's `FrictionState`, from which the next step starts.
+    gel, state
+        What it is pressed to, and its `FrictionState`, from which the next step starts.
     """
-
-    state: FrictionState
-
-    @property
-    def settled(self) -> bool:
-        """Whether the solver reached its tolerance in this step; if not, do not rely on its shear."""
-        return self.state.settled
-
-    @cached_property
-    def displacement(self) -> NDArray[np.float64]:
-        """(rows, cols, 2) displacement of the gel's surface from its rest, m."""
-        return surface_displacement(self.state, self.sensor)
-
-    @cached_property
-    def traction(self) -> NDArray[np.float64]:
-        """(rows, cols, 2) tangential traction, Pa; at most friction times `pressure`."""
-        return surface_traction(self.state, self.gel, self.sensor)
-
-    @cached_property
-    def slip(self) -> NDArray[np.float64]:
-        """(rows, cols, 2): how far the object slid over the gel in this step, m; 0 where it sticks and outside the contact."""
-        return on_pixels(self.state.slip, self.sensor) * self.contact[..., None]
-
-    @property
-    def slips(self) -> NDArray[np.bool_]:
-        """(rows, cols): where the object slips; elsewhere in `contact` it sticks."""
-        return np.asarray(self.slip.any(axis=-1))
-
-    @property
-    def slip_share(self) -> float:
-        """Share of the contact that slips; 0 without contact. A mere press slips a little at the rim."""
-        return float(self.slips.sum() / max(self.contact.sum(), 1))
-
-    @property
-    def gross_slip(self) -> bool:
-        """Whether the object touches and sticks nowhere."""
-        return bool(self.contact.any() and (self.slips == self.contact).all())
-
-    @property
-    def shear_force(self) -> NDArray[np.float64]:
-        """(2,) tangential force, N; `force` is the normal one."""
-        return np.asarray(self.traction.sum(axis=(0, 1)) * np.prod(self.sensor.pitch))
-
-    @property
-    def torque(self) -> float:
-        """Torque of the tractions about the sensor's axis, +z, N·m."""
-        x, y = pixel_centres(self.sensor)
-        moments = x[None] * self.traction[..., 1] - y[:, None] * self.traction[..., 0]
-        return float(moments.sum() * np.prod(self.sensor.pitch))
 
 
 def slide(
@@ -156,32 +97,14 @@ def _steps(
     after: SlidingTouch | None,
     rng: np.random.Generator | None,
 ) -> Iterator[SlidingTouch]:
-    state, before = (gel_at_rest(sensor), None) if after is None else (after.state, after.pose)
-    for number, pose in enumerate(poses):
-        depth = ray_depth(object_.faces, pose, sensor).astype(np.float32)
-        gel = press_gel(depth, sensor)
-        if before is None and gel.contact.any():
-            raise InvalidInput(
-                f"poses[0] is in contact, {MM * gel.indentation.max():.3g} mm deep, and the shear of the gel is unknown: start the path "
-                "without contact, or continue from a step of another slide with `after`"
-            )
-        motion = object_motion(depth, pose if before is None else before, pose, sensor)
-        try:
-            state = drag_gel(gel, motion, state, sensor, friction)
-        except InvalidInput as error:
-            raise InvalidInput(f"poses[{number}]: {error}") from error
-        before = pose
-        touched = SlidingTouch(sensor, pose, depth, render_gel(gel.indentation, sensor, rng), state)
-        vars(touched)["gel"] = gel  # the cached property: it is known already
-        yield touched
+    views = ((ray_depth(object_.faces, pose, sensor).astype(np.float32), pose) for pose in poses)
+    for step in slide_gel(views, sensor, friction, after):
+        yield SlidingTouch(sensor, step.pose, step.depth, render_gel(step.gel.indentation, sensor, rng), step.gel, step.state)
 
 
 def _friction(given: float | None, sensor: Sensor) -> float:
     """Return the coefficient of friction: as given, or the sensor's."""
-    if sensor.gel is None:
-        raise InvalidInput(f"sensor {sensor.name} has no elastic gel, which slides need; add `gel: {{modulus: …}}` to its file")
-    if (friction := sensor.gel.friction if given is None else given) is None:
-        raise InvalidInput(f"the friction of sensor {sensor.name} is not known: give friction=…, or add `gel: {{friction: …}}` to its file")
+    friction = known_friction(sensor, given)
     try:
         value = float(friction)
     except (TypeError, ValueError) as error:

@@ -20,6 +20,8 @@ import webdataset
 from pipeline.dataset.object_rows import ObjectRows
 from tests.contrib.exports.test_exports import FINGERS, vt
 from tests.contrib.exports.test_exports import elastic as data  # noqa: F401
+from tests.contrib.exports.test_slide_frames import SLIDES, STEPS
+from tests.contrib.exports.test_slide_frames import data as slides  # noqa: F401
 
 
 class ToTensor:
@@ -162,6 +164,55 @@ def test_webdataset_reads_samples_equal_to_the_stored_ones(data, stored, tmp_pat
         arrays |= {f"pressure.{finger}": sample[f"pressure_{finger}.npy"] for finger in FINGERS}
         arrays |= {name: facts[name] for name in ("held", *(f"force.{finger}" for finger in FINGERS))}
         check(stored, facts["object_id"], facts["grasp"], arrays)
+
+
+def stored_step(slides: Path, name: str, frame: dict) -> np.ndarray:  # noqa: F811
+    rows = ObjectRows(slides, [f"slide_{name}"], split=None)
+    return rows.read(f"slide_{name}", frame["object_id"], int(frame["slide"]))[int(frame["step"])]
+
+
+def test_lerobot_reads_slides_as_episodes_in_their_time(lerobot, slides, tmp_path):  # noqa: F811
+    vt("export", slides, tmp_path / "out", "--to", "lerobot", "--of", "slides")
+    window = {"observation.force_gelsight": [-0.25, 0.0]}
+    dataset = lerobot("vt/slides", root=tmp_path / "out", video_backend="pyav", delta_timestamps=window)
+    assert (dataset.num_episodes, dataset.num_frames, dataset.fps) == (2 * SLIDES, 2 * SLIDES * STEPS, 4)
+    for number in (0, 3, STEPS + 4, 2 * SLIDES * STEPS - 1):
+        item = dataset[number]
+        assert float(item["timestamp"]) == int(item["step"]) / 4
+        before = dict(item) | {"step": max(int(item["step"]) - 1, 0)}  # the episode's first where there is none
+        forces = [stored_step(slides, "force", before), stored_step(slides, "force", item)]
+        np.testing.assert_array_equal(item["observation.force_gelsight"].numpy(), forces)
+        np.testing.assert_array_equal(item["observation.shear_gelsight"].numpy(), stored_step(slides, "shear", item))
+        image = (255 * item["observation.images.tactile_gelsight"]).round().permute(1, 2, 0).numpy()
+        np.testing.assert_array_equal(image, stored_step(slides, "tactile_image", item))
+        assert item["task"] == "slide over a bottle"
+
+
+def test_hugging_face_reads_steps_of_slides(slides, tmp_path):  # noqa: F811
+    vt("export", slides, tmp_path / "out", "--to", "parquet", "--of", "slides")
+    read = datasets.load_dataset(str(tmp_path / "out"), cache_dir=str(tmp_path / "cache"))
+    assert sum(len(rows) for rows in read.values()) == 2 * SLIDES * STEPS
+    for rows in read.values():
+        for row in rows.select([2, STEPS + 5]):
+            for name in ("force", "shear", "pose", "slip_share"):
+                stored = stored_step(slides, name, row)
+                np.testing.assert_array_equal(np.asarray(row[f"{name}.gelsight"], stored.dtype), stored)
+            np.testing.assert_array_equal(np.asarray(row["tactile_image.gelsight"]), stored_step(slides, "tactile_image", row))
+
+
+@pytest.mark.skipif(sys.version_info < (3, 12), reason="tacstack needs Python 3.12")
+def test_tacstack_reads_shear_and_force_of_slides(slides, tmp_path):  # noqa: F811
+    from tacstack.adapters.open_x_tactile import OpenXTactileAdapter
+
+    vt("export", slides, tmp_path / "out", "--to", "oxt", "--of", "slides")
+    for split, object_id in (("train", "bottle-0000"), ("valid", "bottle-0001")):
+        rows = ObjectRows(slides, ["slide_force", "slide_pressure"], split=None)
+        for quantity in ("force", "pressure"):
+            adapter = OpenXTactileAdapter(tmp_path / "out" / split, task="slide_bottle", stream=f"right_{quantity}_gelsight")
+            adapter.open()
+            for step in range(STEPS):
+                expected = rows.read(f"slide_{quantity}", object_id, 0)[step]
+                np.testing.assert_array_equal(adapter.read().taxels.reshape(expected.shape), expected)
 
 
 @pytest.mark.skipif(sys.version_info < (3, 12), reason="tacstack needs Python 3.12")

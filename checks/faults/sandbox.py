@@ -28,6 +28,7 @@ SETTINGS = (
         "fit-charts.max_iterations=20",
     ),
     *("simulate-presses.presses=2", "simulate-presses.pixels=40", "train-touch.width=2", "train-touch.epochs=2"),
+    *("simulate-slides.slides=1", "simulate-slides.steps=8", "simulate-slides.rate=4", "simulate-slides.pixels=40"),
     *("train-gcn.configuration=touch", "train-gcn.epochs=2", "train-gcn.gcn_layers=3", "train-gcn.gcn_features=8"),
     *("train-gcn.batch_size=4", "train-gcn.loss_points=100", "checkpoint_seconds=0"),
     *("train-implicit.configuration=implicit-touch", "train-implicit.epochs=2", "train-implicit.features=8"),

@@ -38,6 +38,25 @@ from tests.formats.test_collada import ARROW, FILE, POLYGONS, POLYLIST, RED, TEX
 
 CALLS = ("exec", "pickle.", "os.", "subprocess.", "socket.", "shutil.", "ctypes.", "marshal.", "code.")
 """Audit events of what a file of grasps must not lead to: https://docs.python.org/3/library/audit_events.html."""
+MJCF = b"""<mujoco>
+<compiler angle="radian" eulerseq="zyx"/>
+<default><geom size="0.01"/><default class="tip"><geom type="mesh" mesh="tip" mass="0.01"/></default></default>
+<asset><mesh name="tip" file="tip.obj" scale="1 1 2"/><material name="red" rgba="1 0 0 1"/></asset>
+<worldbody><body name="palm"><freejoint/><geom type="box" size="0.025 0.025 0.01" euler="0 0 1"/>
+<body name="left" pos="-0.02 0 0.02"><joint name="left-joint" axis="0 1 0" range="-0.5 1.5" ref="0.1" damping="0.1"/>
+<joint name="spread" type="slide" axis="1 0 0" range="0 0.01"/>
+<geom class="tip" material="red"/></body>
+<include file="right.xml"/></body></worldbody>
+<tendon><fixed name="pull"><joint joint="left-joint" coef="1"/><joint joint="spread" coef="-0.5"/></fixed></tendon>
+<equality><joint joint1="bent" joint2="right-joint" polycoef="0 1 0 0 0"/></equality>
+<contact><exclude body1="left" body2="right"/></contact>
+<actuator><position joint="right-joint" kp="1" ctrlrange="0 1" forcerange="-1 1"/>
+<motor tendon="pull" gear="0.2"/></actuator></mujoco>"""
+INCLUDED = b"""<mujocoinclude>
+<body name="right" pos="0.02 0 0.02" quat="1 0 0.1 0"><joint name="right-joint" axis="0 1 0" range="-0.5 1.5"/>
+<geom type="capsule" fromto="0 0 0 0 0 0.02"/>
+<body name="tip" pos="0 0 0.03"><joint name="bent" axis="0 1 0"/><geom type="ellipsoid" size="0.01 0.01 0.02"/></body></body>
+</mujocoinclude>"""
 ASSETS = Path(__file__).parents[2] / "pipeline" / "assets"
 
 
@@ -102,7 +121,7 @@ class Manifests(Target):
 
 
 class Hands(Target):
-    """Hand files with their URDF and its meshes."""
+    """Hand files with their URDF or MJCF and its meshes."""
 
     def sound(self) -> list[Files]:
         hand = {
@@ -135,7 +154,11 @@ class Hands(Target):
         )
         tip = trimesh.creation.box((0.01, 0.01, 0.02)).export(file_type="obj").encode()
         urdf = f'<robot name="pincer">{links}{joints}</robot>'.encode()
-        return [{"hand.yaml": json.dumps(hand).encode(), "hand.urdf": urdf, "tip.obj": tip}]
+        of_mjcf = json.dumps(hand | {"urdf": "hand.xml"}).encode()
+        return [
+            {"hand.yaml": json.dumps(hand).encode(), "hand.urdf": urdf, "tip.obj": tip},
+            {"hand.yaml": of_mjcf, "hand.xml": MJCF, "right.xml": INCLUDED, "tip.obj": tip},
+        ]
 
     def read(self, folder: Path, files: Files) -> None:
         load_hand(str(folder / "hand.yaml"))

@@ -102,15 +102,19 @@ def summary(
     data: DataArgument,
     most: Annotated[int, typer.Option(min=1, help="Maximum number of objects to draw, spread evenly.")] = 40,
 ) -> None:
-    """Print a dataset's statistics and draw its contact sheets."""
-    from pipeline.drawing.contact_sheet import SHOWN, contact_sheets
-    from pipeline.tables.touch_tables import read_touches, touch_tables
+    """Print a dataset's statistics, draw its contact sheets, and animate a few of its slides."""
+    from pipeline.drawing.contact_sheet import SHOWN, contact_sheets, slide_animation
+    from pipeline.tables.touch_tables import read_touches, slide_tables, touch_tables
 
     directory = as_location(data)
     DataDirectory(directory).check_exists()
-    touches = read_touches(directory)
     print_lines(directory.resolve())
-    show_tables(touch_tables(touches))
+    if tables := slide_tables(directory):
+        show_tables(tables)
+        print_lines(*(f"animation: {path}" for path in slide_animation(directory)))
+        if not DataDirectory(directory).collection(ARTIFACTS["grasps"]).shards:
+            return
+    show_tables(touch_tables(read_touches(directory)))
     if missing := [name for name in SHOWN if not DataDirectory(directory).collection(ARTIFACTS[name]).shards]:
         print_lines(f"no contact sheets: {' and '.join(missing)} {'have' if len(missing) > 1 else 'has'} not been made")
     else:

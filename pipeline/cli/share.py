@@ -124,6 +124,10 @@ def export(
             autocompletion=options.complete_made_object,
         ),
     ] = None,
+    of: Annotated[
+        str | None,
+        typer.Option(help="With --to lerobot, oxt, parquet, webdataset: grasps, or slides, a frame per step; by default grasps."),
+    ] = None,
     about: Annotated[
         Path | None, typer.Option(help="With --to parquet: a YAML file with title, creators, url, licence … for card and Croissant.")
     ] = None,
@@ -135,7 +139,7 @@ def export(
     """
     write = plugins.find("exports", to)
     chosen = list(dict.fromkeys(objects or []))
-    given: dict[str, Any] = {name: value for name, value in {"objects": chosen, "about": about}.items() if value}
+    given: dict[str, Any] = {name: value for name, value in {"objects": chosen, "about": about, "of": of}.items() if value}
     parameters = signature(write).parameters.keys()
     if refused := sorted(given.keys() - parameters):
         fail(f"--{refused[0].removesuffix('s')} is no option of --to {to}; leave it out")

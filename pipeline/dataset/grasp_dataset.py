@@ -14,7 +14,7 @@ Item = dict[str, Any]
 
 
 class GraspDataset(Dataset[Item]):
-    """Grasps of a split, each as a dict of tensors and the object's name; empty grasps of `read-grasps` are skipped.
+    """Grasps of a split, each as a dict of tensors and the object's name; grasps that `read-grasps` repeated are skipped.
 
     Arrays with a grasp dimension give that grasp's part. Arrays of the object, also those of its presses or viewpoints,
     come whole and are read once per object. Constants (`untouched`) come as they are. Shapes, units and frames are the

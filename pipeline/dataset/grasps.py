@@ -33,7 +33,7 @@ def grasp_row(grasps: Sequence[Grasp]) -> Row:
 
 
 def grasp_count(row: Mapping[str, np.ndarray]) -> int:
-    """Count the grasps of an object's row, of which `read-grasps` may have filled some with empty ones at the end."""
+    """Count the grasps of an object's row, without those that `read-grasps` repeated at the end."""
     return len(str(row["grasp_files"]).splitlines()) if "grasp_files" in set(row) else len(row["touch_success"])
 
 
@@ -45,7 +45,7 @@ def grasp_counts(grasps: Collection, object_ids: Sequence[str]) -> dict[str, int
 
 
 def read_grasps(row: Mapping[str, np.ndarray]) -> list[Grasp]:
-    """Read an object's grasps from its row, without empty ones; how deep the gels were pressed in is not stored."""
+    """Read an object's grasps from its row, without repeated ones; how deep the gels were pressed in is not stored."""
     contacts = [
         [Contact(point, normal, float(area)) if touches else None for touches, point, normal, area in zip(*of_grasp, strict=True)]
         for of_grasp in zip(row["touch_success"], *(row[name] for name in CONTACT), strict=True)

@@ -1,5 +1,7 @@
 """Colours of fingers, charts and depth maps; glTF's linear colours and upright axis."""
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,16 +32,20 @@ def depth_colors(
     sensor: Sensor,
 ) -> NDArray[np.uint8]:  # (rows, cols, 3)
     """Colour a depth map: viridis in the gel (bright is deep), greys from there to the range, white where nothing is met."""
-    import matplotlib
-
     gel, reach, met = sensor.w, sensor.range, np.isfinite(depth)
-    table = matplotlib.colormaps["viridis"](np.linspace(1, 0, 256))[:, :3] * 255
     near, far = BEYOND
     share = np.clip((np.where(met, depth, reach) - gel) / (reach - gel or 1), 0, 1)[..., None]  # the range may end with the gel
     colors = np.where(met[..., None], near + (far - near) * share, MISS)
     inside = in_gel(depth, sensor)
-    colors[inside] = table[np.clip(depth[inside] / gel * 255, 0, 255).astype(int)]
+    colors[inside] = _viridis()[np.clip(depth[inside] / gel * 255, 0, 255).astype(int)]
     return np.round(colors).astype(np.uint8)
+
+
+@cache
+def _viridis() -> NDArray[np.float64]:  # (256, 3) 0 to 255, bright first
+    import matplotlib
+
+    return np.asarray(matplotlib.colormaps["viridis"](np.linspace(1, 0, 256))[:, :3] * 255)
 
 
 def linear_colors(

@@ -1,6 +1,6 @@
-"""Contact sheets: the best grasp of each of some objects; drawn again only if the shown rows have changed."""
+"""Contact sheets: the best grasp of each of some objects, and an animation of slides; drawn again only if the shown rows have changed."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,6 +8,7 @@ from pydantic import Field
 
 from pipeline.console import with_progress
 from pipeline.dataset.completed_objects import CompletedObjects
+from pipeline.dataset.object_rows import sensor_of
 from pipeline.drawing.picture_sheet import PICTURE, SheetRow, Tile, draw_sheet, spread_evenly
 from pipeline.drawing.written_files import WrittenFiles, read_list
 from pipeline.engine.keys import sources_hash
@@ -23,31 +24,54 @@ if TYPE_CHECKING:
     from pipeline.drawing.grasp_pictures import GraspPictures, Rows
 
 SHOWN = ("surfaces", "grasps", "vision", "touch")  # the artifacts that a contact sheet shows
-DRAWN = "contact-sheet.key"  # the list of the sheets that were drawn, in a data directory
+ANIMATION = "slides.webp"
+ANIMATED = 4  # objects whose first slide is animated
 
 
 class Sheets(WrittenFiles):
     """The sheets of a data directory; no other file of it is replaced or removed."""
 
     key: Sha256  # hash of all that they show
-    files: dict[Annotated[str, Field(pattern=r"^contact-sheet(-[0-9]+)?\.png$")], Sha256]
+    files: dict[Annotated[str, Field(pattern=r"^(contact-sheet(-[0-9]+)?\.png|slides\.webp)$")], Sha256]
 
 
 def contact_sheets(data: Location, max_objects: int) -> list[Location]:
     """Draw the best grasp of at most `max_objects` objects, spread over the dataset; return the sheets' paths."""
     source = CompletedObjects(data, SHOWN)
     object_ids = spread_evenly(source.object_ids, max_objects)
+    return _drawn(
+        source, object_ids, "contact-sheet.key", lambda folder: draw_contact_sheet(source, object_ids, folder / "contact-sheet.png")
+    )
+
+
+def slide_animation(data: Location) -> list[Location]:
+    """Animate the first slide of a few objects; return the file's path, none if the slides lack an array that is shown."""
+    from pipeline.drawing.slide_pictures import animate_slides, are_drawable, first_slide
+
+    source = CompletedObjects(data, ["slides"])
+    slides, object_ids = source.collections["slides"], spread_evenly(source.object_ids, ANIMATED)
+
+    def draw(folder: Path) -> None:
+        shown = [first_slide(slides.view(object_id)) for object_id in object_ids]
+        (folder / ANIMATION).write_bytes(animate_slides(shown, sensor_of(slides.first)))
+
+    return _drawn(source, object_ids, "slides.key", draw) if are_drawable(slides.first) else []
+
+
+def _drawn(source: CompletedObjects, object_ids: Sequence[str], listed: str, draw: Callable[[Path], object]) -> list[Location]:
+    """Draw files of a data directory, unless those in the list of this name show the same; return their paths."""
+    data = source.directory.root
     key = digest.of_json([sources_hash(__name__), object_ids, [collection.digest() for collection in source.collections.values()]])
     try:
-        sheets = read_list(data / DRAWN, Sheets)
+        sheets = read_list(data / listed, Sheets)
     except StoreError:  # none was drawn, or the list is damaged
         sheets = Sheets(key="0" * 64, files={})
     if sheets.key != key or changed_files(data, sheets.files):
         before = sheets.files
         with atomic_writes(data) as folder:
-            draw_contact_sheet(source, object_ids, folder / "contact-sheet.png")
+            draw(folder)
             sheets = Sheets(key=key, files=hashes_of(folder))
-            (folder / DRAWN).write_text(sheets.model_dump_json())
+            (folder / listed).write_text(sheets.model_dump_json())
             for obsolete in before.keys() - sheets.files.keys():
                 remove(data / obsolete)
     return [data / name for name in sorted(sheets.files, key=lambda name: (len(name), name))]  # page 2 before page 10

@@ -1,6 +1,7 @@
 """Make a glTF scene of an object with its grasps: object, hand, gels, touched surface, touch charts and predictions as named nodes."""
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import fast_simplification
@@ -182,7 +183,10 @@ def _vertex_colors(mesh: Mesh) -> NDArray[np.uint8]:  # (V, 4) sRGB
 
 
 def _plain(vertices: np.ndarray, faces: np.ndarray, color: Color) -> trimesh.Trimesh:
-    material = _visual.material.PBRMaterial(
-        baseColorFactor=linear_colors(np.array([[*color, 255]], np.uint8))[0], metallicFactor=0.0, roughnessFactor=0.8, doubleSided=True
-    )
-    return trimesh.Trimesh(vertices, faces, visual=_visual.TextureVisuals(material=material), process=False)
+    return trimesh.Trimesh(vertices, faces, visual=_visual.TextureVisuals(material=_material(color)), process=False)
+
+
+@lru_cache(maxsize=64)
+def _material(color: Color) -> Any:
+    factor = linear_colors(np.array([[*color, 255]], np.uint8))[0]
+    return _visual.material.PBRMaterial(baseColorFactor=factor, metallicFactor=0.0, roughnessFactor=0.8, doubleSided=True)

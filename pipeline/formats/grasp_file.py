@@ -1,15 +1,14 @@
 """Read files of grasps made elsewhere: DexGraspBench's, DexGraspNet's, and arrays as `export --to grasps` writes them."""
 
 import re
-import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from io import BytesIO
 from itertools import islice
-from math import prod
 from pathlib import Path
 from typing import Any, NamedTuple
+from zipfile import ZIP_DEFLATED, ZIP_STORED
 
 import numpy as np
 from numpy.lib import format as npy
@@ -26,6 +25,7 @@ MAX_BYTES = 64 * 2**20  # largest size of a file, and of its arrays together: a 
 MAX_GRASPS = 100_000  # of a file
 MAX_ROUNDING = 1e-3  # by which a rotation's columns, or a quaternion, may differ from unit length: files round to three digits
 PHASES = ("pregrasp", "grasp", "squeeze")
+ARRAYS = {"hand_pose", "joint_angles", "joint_names", "metres_per_unit", *PHASES}  # of an .npz file
 TRANSLATION, ROTATION = ("WRJTx", "WRJTy", "WRJTz"), ("WRJRx", "WRJRy", "WRJRz")
 """DexGraspNet's names of the hand's position, m, and of its angles about fixed axes, rad."""
 FORMATS = (
@@ -91,10 +91,11 @@ def read_grasp_file(path: Path, folder: Path) -> Iterator[FileGrasp]:
 def _readers(content: bytes) -> Iterator[Callable[[], Stated]]:
     """Yield what reads each grasp of a file."""
     if content.startswith(b"PK"):
-        arrays = dict(_members(content))
+        arrays = _arrays(content)
         yield from (partial(_array_grasp, arrays, row) for row in range(_count(arrays)))
         return
-    for entry in np.ravel(_array_of(content, pickled=True)):
+    array = _pickled(content)
+    for entry in array.ravel() if isinstance(array, np.ndarray) else [array]:
         if not isinstance(entry, dict) or not entry.keys() & {"qpos", "grasp_qpos"}:
             entries = f"the entries {abbreviate([ascii(key[:40]) for key in entry])}" if isinstance(entry, dict) else "no dictionary"
             raise InvalidInput(f"it has {entries}; {FORMATS}")
@@ -106,49 +107,34 @@ def _readers(content: bytes) -> Iterator[Callable[[], Stated]]:
             yield partial(_dexgraspbench, entry, ...)
 
 
-def _members(content: bytes) -> Iterator[tuple[str, np.ndarray]]:
-    """Read the arrays of an .npz file."""
-    left = MAX_BYTES
+def _arrays(content: bytes) -> dict[str, np.ndarray]:
+    """Read the arrays of an .npz file that grasps need."""
+    part = "it"
     try:
-        with zipfile.ZipFile(BytesIO(content)) as archive:
-            for member in archive.infolist():
-                if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # zipfile expands others at once
-                    raise InvalidInput(f"{member.filename[:40]!a} is compressed in another way than NumPy does; write it again")
-                with archive.open(member) as stream:
-                    part = stream.read(left + 1)
-                left -= len(part)
-                if left < 0:
-                    raise InvalidInput(f"its arrays have more than {MAX_BYTES} bytes; split it into several files")
-                name = member.filename.removesuffix(".npy")
-                try:
-                    yield name, _array_of(part, pickled=False)
-                except InvalidInput as error:
-                    raise InvalidInput(f"{name[:40]!a}: {error}") from error
+        with np.load(BytesIO(content), allow_pickle=False) as archive:
+            members, arrays = archive.zip.infolist(), dict[str, np.ndarray]()
+            if any(member.compress_type not in (ZIP_STORED, ZIP_DEFLATED) for member in members):  # zipfile expands others at once
+                raise InvalidInput("it is compressed in another way than NumPy does; write it again with numpy.savez_compressed")
+            if sum(member.file_size for member in members) > MAX_BYTES:  # zipfile reads no more than that
+                raise InvalidInput(f"its arrays have more than {MAX_BYTES} bytes; split it into several files")
+            for part in ARRAYS.intersection(archive.files):
+                arrays[part] = archive[part]
     except InvalidInput:
         raise
-    except Exception as error:  # zipfile raises whatever its parsing trips over
-        raise InvalidInput(f"it is no .npz file that can be read ({type(error).__name__}: {error}); write it again") from error
+    except Exception as error:  # zipfile and NumPy raise whatever they trip over
+        raise InvalidInput(f"{part} is no array that can be read ({error}); write numbers, and names as text, with numpy.savez") from error
+    return arrays
 
 
-def _array_of(content: bytes, *, pickled: bool) -> np.ndarray:
-    """Read a .npy file, of Python objects only if they may be pickled."""
+def _pickled(content: bytes) -> Any:
+    """Read the Python objects of a .npy file; None where it has numbers."""
     stream = BytesIO(content)
     try:
         header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[npy.read_magic(stream)]
-        shape, fortran, dtype = header(stream)
-        rest = stream.read()
-        if not dtype.hasobject and len(rest) == prod(shape) * dtype.itemsize:
-            return np.frombuffer(rest, dtype).reshape(shape, order="F" if fortran else "C")
+        *_, dtype = header(stream)
     except Exception as error:  # NumPy raises whatever its parsing of a header trips over
         raise InvalidInput(f"it is no array that can be read ({error}); write .npy with numpy.save, .npz with numpy.savez") from error
-    if not dtype.hasobject:
-        raise InvalidInput(f"an array of shape {shape} and type {dtype} has {len(rest)} bytes in it; is the file cut off?")
-    if not pickled:
-        raise InvalidInput("it has Python objects, which are not read in .npz; make names text, as by .astype(str), and values numbers")
-    array = read_plain_pickle(rest)
-    if not isinstance(array, np.ndarray) or not array.dtype.hasobject:
-        raise InvalidInput(f"it has Python objects that are not read; {FORMATS}")
-    return array
+    return read_plain_pickle(stream.read()) if dtype.hasobject else None
 
 
 def _array_grasp(arrays: Mapping[str, Any], row: int) -> Stated:
@@ -170,8 +156,8 @@ def _dexgraspbench(entry: Mapping[str, Any], row: Any) -> Stated:
     if len(shape) not in (1, 2) or shape[-1] <= 7:
         raise InvalidInput(f"grasp_qpos has shape {shape}; it must have 7 numbers of the root and those of all joints, or rows of these")
     qpos = {phase: _numbers(entry, name, shape, row) for phase, name in names.items()}
-    if "obj_scale" not in entry and "scene_path" in entry:
-        raise InvalidInput("it names a scene instead of obj_scale and obj_pose; convert it with DexGraspBench's task=format")
+    if "scene_path" in entry and not {"obj_scale", "obj_pose"} <= entry.keys():
+        raise InvalidInput("it names a scene instead of obj_scale and obj_pose; add both, as DexGraspBench's task=format does")
     root, scene = (pose_of(_quaternion(values[3:7]), values[:3]) for values in (qpos["grasp"], _numbers(entry, "obj_pose", (7,))))
     joints = _joint_names(entry) if "joint_names" in entry else ()
     if joints and len(joints) != len(qpos["grasp"]) - 7:

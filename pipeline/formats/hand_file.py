@@ -116,7 +116,8 @@ class HandFile(Entries):
         None,
         gt=0,
         le=1e6,
-        description=f"Maximum torque of the motors, N m (N for a joint that slides); by default {TORQUE}, or less if an MJCF's are weaker.",
+        description=f"Maximum torque of the motors, N m (N for a joint that slides); by default {TORQUE}, or less if an MJCF's are weaker. "
+        "Fingers close on elastic gels until these ask it of one motor.",
     )
     friction: float = Field(
         0.5,

@@ -2,7 +2,8 @@
 
 MuJoCo parses and compiles the file: defaults, angles, frames, scales and inertias are its own. A body with several joints becomes a chain
 of links, the last with its name and frame. Poses are rounded: the C library's sine gives them, whose last digits are the processor's.
-Damping, springs and rotors of joints are not read: they suit the file's motors, and MuJoCo's implicit integration; PyBullet's is explicit.
+Damping, springs, friction and rotors of joints are not read: they suit the file's motors, and MuJoCo's implicit integration; PyBullet's
+is explicit.
 """
 
 from pathlib import Path
@@ -28,19 +29,9 @@ DIGITS = 10  # decimals of poses, m and rad
 MAX_GROUP = 2  # of geoms that MuJoCo's viewer shows unasked
 UNNEEDED = ("cameras", "lights", "sites", "sensors", "keys", "textures", "skins", "flexes")
 """Elements that grasps do not need, by their names in `MjSpec`."""
-NUMBERS = (
-    "body_pos",
-    "body_mass",
-    "body_inertia",
-    "jnt_pos",
-    "jnt_range",
-    "qpos0",
-    "geom_pos",
-    "geom_size",
-    "mesh_vert",
-    "eq_data",
-    "wrap_prm",
-)
+DYNAMICS = {"damping": "dof_damping", "springs": "jnt_stiffness", "friction": "dof_frictionloss", "rotors": "dof_armature"}
+"""Dynamics of joints by their names in `MjModel`, each joint's at its first degree of freedom."""
+NUMBERS = "body_pos body_mass body_inertia jnt_pos jnt_range qpos0 geom_pos geom_size mesh_vert eq_data wrap_prm"
 """Numbers of a model that are refused beyond `MAX_NUMBER`; MuJoCo takes even NaN."""
 
 
@@ -50,7 +41,7 @@ def parse_mjcf(path: Path, root: str) -> HandModel:
     spec.compiler.fusestatic = spec.compiler.discardvisual = spec.compiler.usethread = False  # two drop links, and what is seen
     spec.memory = -1  # as much as all couplings need
     model = without_files("compile", spec.compile)
-    if wrong := [name for name in NUMBERS if not (np.abs(getattr(model, name)) <= MAX_NUMBER).all()]:
+    if wrong := [name for name in NUMBERS.split() if not (np.abs(getattr(model, name)) <= MAX_NUMBER).all()]:
         raise InvalidInput(f"it has numbers beyond {MAX_NUMBER:g}, or NaN, which MuJoCo reads as {', '.join(wrong)}")
     names = [model.body(body).name for body in range(1, model.nbody)]  # 0 is the world
     if root not in names:
@@ -71,6 +62,9 @@ def parse_mjcf(path: Path, root: str) -> HandModel:
         reader.add(model.body(body))
     unneeded = ", ".join(f"{name} ({count})" for name in UNNEEDED if (count := len(getattr(spec, name))))
     notes = [f"elements of the MJCF that grasps do not need are ignored: {unneeded}"] if unneeded else []
+    first = {"jnt": joints, "dof": model.jnt_dofadr[joints]}
+    if stated := [word for word, name in DYNAMICS.items() if getattr(model, name)[first[name[:3]]].any()]:
+        notes.append(f"dynamics of joints, which suit the MJCF's own motors, are ignored: {', '.join(stated)}")
     torque = min((force for force in couplings.forces if np.isfinite(force)), default=None)
     excluded = [sorted(reader.numbers.get(body, -1) for body in divmod(int(pair), 2**16)) for pair in model.exclude_signature]
     return HandModel(

@@ -24,6 +24,7 @@ from pipeline.kernels.tensors import COLOURS, network_input
 from pipeline.kernels.touch.depth_maps import gel_surface, gel_top
 from pipeline.kernels.touch.elastic_contact import PressedGel
 from pipeline.kernels.touch.sensor import MM, Sensor, masked_points, resample, sensor_differences
+from pipeline.kernels.touch.surface_contact import contact_margin
 from pipeline.models.model_files import load_network, read_description, save_model, unusable
 from pipeline.models.shipped_weights import shipped_sensor_network
 
@@ -46,7 +47,7 @@ class _Description(Entries):
     @model_validator(mode="after")
     def _has_a_threshold(self) -> "_Description":
         if (self.network == "unet") == (self.mask_threshold is None):
-            raise ValueError(f"mask_threshold is {self.mask_threshold}; a U-Net has one, and a local network finds contact itself")
+            raise ValueError(f"mask_threshold is {self.mask_threshold}; a U-Net has one, and a local network none")
         return self
 
 
@@ -176,10 +177,12 @@ class LocalTouchModel(TouchModel):
             for first in range(0, max(len(images), 1), IMAGES_AT_ONCE):  # an empty batch is read too
                 change = without_drift(self._resized(images[first : first + IMAGES_AT_ONCE], parameter) - untouched_levels)
                 shape = self.network(change, position, pitch)
-                maps = torch.stack([shape.depth.clamp(min=0) / MM, shape.contact], dim=1)
-                batches.append(interpolate(maps, size=images.shape[1:3], mode="bilinear").cpu())
-        depth, contact = torch.cat(batches).unbind(dim=1)
-        return PressedGel(depth.float().numpy(), (contact > 0).numpy())
+                depth = (shape.depth.clamp(min=0) / MM).cpu()
+                margins = [contact_margin(surface, self.sensor.pitch, self.sensor.layer_thickness) for surface in depth.double().numpy()]
+                maps = torch.stack([depth, torch.tensor(np.array(margins)).reshape(depth.shape).to(depth)], dim=1)
+                batches.append(interpolate(maps, size=images.shape[1:3], mode="bilinear"))
+        indentation, margin = torch.cat(batches).unbind(dim=1)
+        return PressedGel(indentation.float().numpy(), (margin > 0).numpy())
 
     def maps(self, images: np.ndarray) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Predict the depth D, of the gel at rest less its indentation, and find the contact."""

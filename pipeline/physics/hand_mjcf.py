@@ -6,14 +6,11 @@ from typing import Any
 from xml.etree.ElementTree import SubElement, parse
 
 from pipeline.formats.mjcf_files import import_mujoco
-from pipeline.kernels.arrays import Array
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.physics.hand_urdf import gel_name, write_hand_urdf
+from pipeline.physics.hand_urdf import ARMATURE, gel_name, write_hand_urdf
 
-ARMATURE = {"revolute": 1e-3, "continuous": 1e-3, "prismatic": 0.3}
-"""kg m² and kg of a motor's rotor, reflected to its joint; without it, a light fingertip swings faster than the steps can follow."""
 HARD = {"solref": [0.005, 1.0], "solimp": [0.5, 0.99, 0.0001, 0.5, 2.0]}
 """Contacts and gears as stiff as DexGraspBench makes them."""
 MOTORS = {"revolute": 5.0, "continuous": 5.0, "prismatic": 1e3}
@@ -76,14 +73,3 @@ def write_hand_mjcf(hand: Hand, sensors: Sequence[Sensor], path: Path) -> list[s
     path.write_text(spec.to_xml(), encoding="utf-8")
     (path.parent / "hand.urdf").unlink()
     return [model.joint(number).name for number in range(model.njnt)]
-
-
-def joint_values(
-    hand: Hand,
-    names: Sequence[str],  # of N joints that move
-    joint_vector: Array,  # (J,) rad (m)
-) -> list[float]:  # (N,) rad (m)
-    """Compute the values of joints in a posture, those that follow others too."""
-    values = dict(zip(hand.joint_names, joint_vector.tolist(), strict=True))
-    values |= {hand.joints[follower.link - 1].name: float(follower.of(joint_vector)) for follower in hand.followers}
-    return [values[name] for name in names]

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from pipeline.console import abbreviate
 from pipeline.formats.urdf_shapes import PRIMITIVES
 from pipeline.kernels.arrays import Array
+from pipeline.kernels.hand.convex_shapes import shrunken_hull
 from pipeline.kernels.hand.model import Hand, Inertial, Joint, Link
 from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.sensor import Sensor
@@ -24,10 +25,19 @@ ROUNDED = 0.01  # share by which the largest moment of inertia may exceed the su
 LEAST_GYRATION = 0.01  # least possible radius of gyration over the diagonal of a link's box: a rod has 0.29, no body more than 1
 GEL_MASS = 0.02  # kg, of a gel's plate: a lighter one swings on its spring faster than steps of 1/240 s can follow
 GEARED_INERTIA = 1e-4  # kg m², of the rotors that move coupled joints: 1e-8 kg m² behind a gear of 100 to 1; URDF has no place for it
+ARMATURE = {"revolute": 1e-3, "continuous": 1e-3, "prismatic": 0.3}
+"""kg m² and kg of a motor's rotor, reflected to its joint; without it, a light fingertip swings faster than the steps can follow."""
 FOLLOWER_SLACK = 0.1  # rad (m) beyond its leader's limits that a following joint is free to move, so that the limits do not conflict
 
 
-def write_hand_urdf(hand: Hand, folder: Path, sensors: Sequence[Sensor] = ()) -> Path:
+def write_hand_urdf(
+    hand: Hand,
+    folder: Path,
+    sensors: Sequence[Sensor] = (),
+    *,
+    rotors: bool = False,  # whether links that joints move have the inertia of `ARMATURE`, and its weight where they slide
+    margin: float = 0.0,  # m, by which the engine thickens convex meshes: they are written as much smaller
+) -> Path:
     """Write a hand's URDF and its collision meshes, as convex OBJ files, into a folder.
 
     Visuals are left away, every link has a mass and an inertia that a body can have, frozen joints are fixed, and a joint that follows
@@ -36,7 +46,13 @@ def write_hand_urdf(hand: Hand, folder: Path, sensors: Sequence[Sensor] = ()) ->
     """
     robot, geared = Element("robot", name=hand.name), geared_links(hand)
     for number, link in enumerate(hand.links):
-        _add_link(robot, link, folder / f"link-{number}", rotors=GEARED_INERTIA if number in geared else 0.0)
+        kind = hand.joints[number - 1].kind if number and rotors else "fixed"
+        body, turning = _estimated(link), GEARED_INERTIA if number in geared else 0.0
+        if kind == "prismatic":
+            body = replace(body, mass=body.mass + ARMATURE[kind])
+        else:
+            turning = max(turning, ARMATURE.get(kind, 0.0))
+        _add_link(robot, link, folder / f"link-{number}", body, rotors=turning, margin=margin)
     for joint in hand.joints:
         _add_joint(robot, joint, hand)
     for number, sensor in enumerate(sensors):
@@ -75,8 +91,8 @@ def gel_name(number: int) -> str:
     return f"gel of sensor {number}"
 
 
-def _add_link(robot: Element, link: Link, stem: Path, *, rotors: float) -> None:
-    element, body = SubElement(robot, "link", name=link.name), _estimated(link)
+def _add_link(robot: Element, link: Link, stem: Path, body: Inertial, *, rotors: float, margin: float) -> None:
+    element = SubElement(robot, "link", name=link.name)
     xx, xy, xz, yy, yz, zz = body.moments or ()
     _add_inertial(element, replace(body, moments=(xx + rotors, xy, xz, yy + rotors, yz, zz + rotors)))  # about all axes: no body has one
     numbered = sorted(enumerate(link.collisions), key=lambda item: item[1].kind == "mesh")  # results depend on the order, by chance
@@ -87,7 +103,8 @@ def _add_link(robot: Element, link: Link, stem: Path, *, rotors: float) -> None:
             import trimesh  # takes half a second, which hands of boxes save
 
             path = stem.with_name(f"{stem.name}-{number}.obj")
-            trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False).convex_hull.export(path)
+            mesh = shrunken_hull(shape.mesh, margin) if margin else shape.mesh
+            trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).convex_hull.export(path)
             SubElement(geometry, "mesh", filename=str(path))
         else:
             _add_origin(collision, shape.origin, shape.rpy)

@@ -1,6 +1,6 @@
 """The hold test: an object is freed in a grasp, its motion recorded, and judged as held or not."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +9,11 @@ from numpy.typing import ArrayLike
 from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import length
+from pipeline.kernels.hand.gel_balance import with_force
 from pipeline.kernels.hand.grasp import Contact, Grasp
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.depth_maps import gel_top
+from pipeline.kernels.touch.ray_depth import BoxedFaces, box_faces
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.hand_urdf import GEL_MASS, gel_name
 from pipeline.physics.simulation import COLLISION_MARGIN, GRAVITY, HandBody, HandPhysics, pybullet
@@ -22,6 +24,8 @@ HOLD_TESTS = {"lift": (DOWN,), "six": tuple(tuple((sign * axis).tolist()) for ax
 STEPS_PER_SECOND = 240
 LOCK_FORCE = 1000.0  # N that hold the plate of a gel without contact where it is drawn in
 GEL_MODULUS = 1e5  # Pa, Young's modulus of a gel whose file gives none: 7 mm of it, pressed in by 2 mm over 60 mm², press back with 2 N
+MAX_STIFFNESS = 4e4  # N/m of an elastic gel's plate: steps of 1/240 s follow no stiffer one on a finger whose motor gives way
+STEADY = 2.0  # mass of a plate over stiffness times the square of a step: an explicit step diverges below a quarter
 DAMPING = 0.25  # damping of a gel's spring, as a share of the critical damping
 OVERLAP = 1e-4  # m by which a plate starts in the object: engines find no contact of flat faces that only meet; a spring then overshoots
 WITHIN, REST = 0.1, 0.05
@@ -73,12 +77,22 @@ class Track:
 
 @dataclass(frozen=True)
 class GelSpring:
-    """The spring of a gel's plate in a contact."""
+    """The spring of a gel's plate in a contact: linear, or of an elastic gel as under a ball, with the square of the depth."""
 
     height: float = 0.0  # m, of the plate above the sensor plane where it meets the object
-    stiffness: float = 0.0  # N/m
+    stiffness: float = 0.0  # N/m there
     damping: float = 0.0  # N s/m
     torsion: float = 0.0  # m, moment about the normal that friction resists per newton of normal force
+    mass: float = GEL_MASS  # kg of the plate
+    travel: float = 0.0  # m that the plate of an elastic gel is pressed in there
+    free: float | None = None  # m of its travel up to which it presses with nothing; None for a linear spring
+
+    def force(self, travel: float) -> float:
+        """Compute the force, N, of a plate that is pressed in by `travel`, m, or not; deeper than in the contact it grows evenly."""
+        if self.free is None:
+            return self.stiffness * max(travel, 0.0)
+        depth, rest = max(max(travel, 0.0) - self.free, 0.0), self.travel - self.free
+        return self.stiffness * (depth**2 / (2 * rest) if depth < rest else depth - rest / 2)
 
 
 def gel_spring(
@@ -90,8 +104,9 @@ def gel_spring(
 ) -> GelSpring:
     """Compute the spring of a gel in a contact; one that does not touch is drawn in and has none.
 
-    In the contact it presses as an elastic layer does (Winkler's foundation: pressure = modulus * indentation / thickness). Where the
-    plate's distance from there to the gel's surface is below `OVERLAP` it presses less: its stiffness would have no bound.
+    In the contact an elastic gel has its force and stiffness, this at most `MAX_STIFFNESS`, and a plate as heavy as `STEADY` steps ask. A
+    gel whose file states no modulus presses as a Winkler foundation (pressure = modulus * indentation / thickness). Where the plate's
+    distance from there to the gel's surface is below `OVERLAP` it presses less: its stiffness would have no bound.
     Friction about the normal is that of a disc of the contact's area under constant pressure, 2/3 μ times its radius.
     """
     if contact is None:
@@ -101,7 +116,12 @@ def gel_spring(
     modulus = GEL_MODULUS if sensor.gel is None else sensor.gel.modulus
     stiffness = modulus / sensor.layer_thickness * contact.volume / max(top - height, OVERLAP)
     torsion = 2 / 3 * friction * float(np.sqrt(contact.area / np.pi))
-    return GelSpring(height, stiffness, 2 * DAMPING * float(np.sqrt(stiffness * GEL_MASS)), torsion)
+    mass, travel, free = GEL_MASS, 0.0, None
+    if contact.force > 0:
+        stiffness, travel = min(contact.stiffness, MAX_STIFFNESS), top - height + OVERLAP  # engines push the plate out of the object
+        mass = max(GEL_MASS, stiffness * STEADY / STEPS_PER_SECOND**2)
+        free = max(travel - 2 * contact.force / stiffness, -travel)  # a gel that presses harder for its stiffness is softened
+    return GelSpring(height, stiffness, 2 * DAMPING * float(np.sqrt(stiffness * mass)), torsion, mass, travel, free)
 
 
 class HoldTest(HandPhysics):
@@ -124,7 +144,9 @@ class HoldTest(HandPhysics):
     ) -> None:
         self.mass, self.torsion = mass, torsion
         self._start: tuple[list[float], list[float]]
+        self._faces: BoxedFaces
         self._springs: list[GelSpring]
+        self._weight: list[float]  # N
         super().__init__(hand, sensors)
 
     def load(
@@ -135,6 +157,7 @@ class HoldTest(HandPhysics):
         """Replace everything by the hand and an object."""
         client = self.client
         client.resetSimulation()
+        self._faces = box_faces(mesh.triangles)
         base_shape, *link_shapes = client.create_shapes(mesh)
         centre = points.mean(axis=0)
         squares = ((points - centre) ** 2).mean(axis=0)
@@ -187,11 +210,11 @@ class HoldTest(HandPhysics):
         self._accelerate((0.0, 0.0, 0.0))
         for posture in path:
             self._drive(posture)
-            self._step(path_seconds)
+            self.advance(path_seconds)
         self._accelerate(acceleration)
         self._drive(grasp.squeeze_angles)
         for _ in range(round(seconds / self.sample_interval)):
-            self._step(self.sample_interval)
+            self.advance(self.sample_interval)
             if track.ends(self._object_pose()):
                 break
         return track.motion(penetration)
@@ -200,29 +223,50 @@ class HoldTest(HandPhysics):
         """Set hand, gels and object to the start of a test; return the penetration of the hand into the object, m."""
         client, hand, start = self.client, self._body, grasp.pregrasp_angles if closes else grasp.joint_angles
         hand.set_pose(grasp.hand_pose, start, start)
-        self._springs = [self._press(number, contact, out=closes) for number, contact in enumerate(grasp.contacts)]
+        self._springs = [self._press(number, contact, out=closes) for number, contact in enumerate(self._with_forces(grasp))]
         client.resetBasePositionAndOrientation(self._object, *self._start)
         client.resetBaseVelocity(self._object, [0.0] * 3, [0.0] * 3)
         client.performCollisionDetection()
         return max(-min((point[8] for point in client.getContactPoints(self._object, hand.body)), default=0.0), 0.0)
 
+    def _with_forces(self, grasp: Grasp) -> Iterator[Contact | None]:
+        """Add their forces to the contacts of elastic gels."""
+        for number, (contact, sensor) in enumerate(zip(grasp.contacts, self.sensors, strict=True)):
+            if contact is not None and sensor.gel is not None:
+                contact = with_force(contact, self._faces, grasp.sensor_pose[number], sensor)
+            yield contact
+
     def _accelerate(self, acceleration: Sequence[float]) -> None:
-        self.client.setGravity(*acceleration)
+        """Set the acceleration (3,), m/s², where gels are elastic of the object alone: plates and links are too heavy then."""
+        self._weight = [self.mass * component for component in acceleration]
+        self.client.setGravity(*((0.0, 0.0, 0.0) if self.elastic else acceleration))
 
     def _drive(self, posture: Array) -> None:
         self._body.drive(posture)
 
-    def _step(self, seconds: float) -> None:
+    def advance(self, seconds: float) -> None:
         """Advance the simulation, with the gels' springs."""
         body, gels, tops = self._body.body, self._gels, [gel_top(sensor) for sensor in self.sensors]
         states, control, step = self.client.getJointStates, self.client.setJointMotorControlArray, self.client.stepSimulation
         for _ in range(round(seconds * STEPS_PER_SECOND)):
             forces = [
-                spring.stiffness * max(top - height, 0.0) - spring.damping * speed
+                spring.force(top - height) - spring.damping * speed
                 for spring, top, (height, speed, *_) in zip(self._springs, tops, states(body, gels), strict=True)
             ]
             control(body, gels, pybullet.TORQUE_CONTROL, forces=forces)
+            if self.elastic:
+                centre = self.client.getBasePositionAndOrientation(self._object)[0]
+                self.client.applyExternalForce(self._object, -1, self._weight, centre, pybullet.WORLD_FRAME)
             step()
+
+    def forces(self) -> Array:  # (S + 1, 3) N, world
+        """Read the forces on the object in the last step: of each gel, then of all rigid links together."""
+        forces, numbers = np.zeros((len(self._gels) + 1, 3)), {gel: number for number, gel in enumerate(self._gels)}
+        for point in self.client.getContactPoints(self._body.body, self._object):
+            normal, size, along, first, across, second = point[7], point[9], point[11], point[10], point[13], point[12]
+            force = size * np.array(normal) + first * np.array(along) + second * np.array(across)
+            forces[numbers.get(point[3], -1)] -= force
+        return forces
 
     def _object_pose(self) -> Array:
         """Read the centre, m, and quaternion of the object, (7,); NaN after a numerical failure of an engine."""
@@ -234,6 +278,8 @@ class HoldTest(HandPhysics):
         spring = gel_spring(sensor, contact, friction=self.hand.friction, margin=COLLISION_MARGIN)
         twist = spring.torsion if self.torsion is None else self.torsion
         self.client.resetJointState(self._body.body, gel, gel_top(sensor) if out and contact else spring.height)
+        if self.elastic:
+            self.client.changeDynamics(self._body.body, gel, mass=spring.mass)
         lock = 0.0 if contact else LOCK_FORCE
         self.client.setJointMotorControl2(self._body.body, gel, pybullet.POSITION_CONTROL, targetPosition=0.0, force=lock)
         self.client.changeDynamics(self._body.body, gel, lateralFriction=self.hand.friction, spinningFriction=twist)

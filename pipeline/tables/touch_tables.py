@@ -1,4 +1,4 @@
-"""Statistics of a dataset's grasps, beside Table 1 and section 1.6 of the supplement, and of the hold test."""
+"""Statistics of a dataset's grasps, beside Table 1 and section 1.6 of the supplement, of the hold test, and of slides."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 
 from pipeline.config.manifest import TOTAL
 from pipeline.console import Columns, Row, Table, tabulate
-from pipeline.dataset.object_rows import ObjectRows, has_paper_sizes
+from pipeline.dataset.object_rows import ObjectRows, has_paper_sizes, sensors_of
+from pipeline.kernels.touch.depth_maps import beyond_ranges
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location
 from pipeline.tables.supplement_figures import PAPER, TABLE_1, TOUCHES_PER_GRASP
 from schemas.grasps import GRASPS
+from schemas.slides import SLIDES
+from schemas.touch import TOUCH
 
 CONTACT_ARRAYS = ("contact_area", "opposition", "closure")
 HOLD_ARRAYS = ("held", "held_directions", "hold_distance", "hold_speed")
@@ -37,6 +40,7 @@ class ObjectTouches:
     held_directions: NDArray[np.bool_] | None = None  # (grasp, 6): the same by direction of gravity
     motions: NDArray[np.float64] | None = None  # (grasp, 6, 2) how far, m, and how fast, m/s, the object moved in the end
     diagonal: float = 0.0  # of the bounding box, m
+    gels: NDArray[np.float64] | None = None  # (touch, 4): force, N; indentation, mm; whether beyond the elastic layer, and the calibration
 
 
 def joined(objects: Sequence[ObjectTouches], array: str) -> NDArray[Any]:
@@ -75,11 +79,12 @@ def read_touches(data: Location) -> Touches:
     shard = DataDirectory(data).collection(GRASPS).first
     hold = tuple(name for name in HOLD_ARRAYS if shard.has(name))
     rows = ObjectRows(data, ["touch_success", "attempt_success", *CONTACT_ARRAYS, *hold], split=None)
-    objects = []
+    objects, gels = [], _read_gels(data)
     for object_id, category in zip(rows.object_ids, rows.categories, strict=True):
         area, angle, margin = (rows.read(name, object_id) for name in CONTACT_ARRAYS)
         contacts = np.stack([1e6 * area.sum(axis=1), angle, margin], axis=1)
-        measured: dict[str, Any] = {name: rows.read(name, object_id) for name in ("held", "held_directions") if name in hold}
+        measured: dict[str, Any] = {"gels": gels.get(object_id)}
+        measured |= {name: rows.read(name, object_id) for name in ("held", "held_directions") if name in hold}
         if hold:
             measured["diagonal"] = rows.diagonal(object_id)
         if "hold_speed" in hold:
@@ -88,6 +93,18 @@ def read_touches(data: Location) -> Touches:
         objects.append(ObjectTouches(category, touched, attempts, contacts, **measured))
     sensors = [str(name) for name in shard.read("sensor")]
     return Touches(sorted(objects, key=lambda item: item.category), sensors, has_paper_sizes(data))
+
+
+def _read_gels(data: Location) -> dict[str, NDArray[np.float64]]:
+    """Read `gels` of the objects whose touches have been simulated, by name; none without elastic gels."""
+    collection, gels = DataDirectory(data).collection(TOUCH), {}
+    if collection.shards and collection.first.has("indentation"):
+        sensors = sensors_of(collection.first)
+        for name in (name for name in collection if not collection.failure(name)):
+            indentation, force = (collection.view(name)[array] for array in ("indentation", "force"))
+            columns = np.stack([force, 1e3 * indentation, *beyond_ranges(indentation, sensors)], axis=-1)
+            gels[name] = columns[indentation > 0].astype(np.float64)
+    return gels
 
 
 def touch_tables(touches: Touches) -> list[Table]:
@@ -107,7 +124,7 @@ def touch_tables(touches: Touches) -> list[Table]:
         f"% with contacts over {OPPOSED}° apart": (".1f", lambda objects: 100 * (joined(objects, "contacts")[:, 1] > OPPOSED).mean()),
         "% with force closure": (".1f", lambda objects: 100 * (joined(objects, "contacts")[:, 2] > 0).mean()),
     }
-    tables += [tabulate("Contacts", "class", groups, contacts), *hold_tables(touches)]
+    tables += [tabulate("Contacts", "class", groups, contacts), *gel_tables(touches), *hold_tables(touches)]
     rows = [_percent_row("here", touches.per_grasp)]
     if touches.supplement_per_grasp:
         rows.append(Row([PAPER, None, *_percent_row("", touches.supplement_per_grasp[1:]).cells[1:]]))
@@ -122,6 +139,43 @@ def touch_tables(touches: Touches) -> list[Table]:
 
 def _percent_row(name: str, shares: Sequence[float] | NDArray[np.float64]) -> Row:
     return Row([name, *(f"{share:.1f}" for share in shares)])
+
+
+def gel_tables(touches: Touches) -> list[Table]:
+    """Tabulate how hard and how deep elastic gels are pressed, by class; none for gels that are not elastic."""
+    if not joined(touches.objects, "gels").size:
+        return []
+    columns: Columns = {
+        "touches": ("", lambda objects: len(joined(objects, "gels"))),
+        "N, median": (".2f", lambda objects: float(np.median(joined(objects, "gels")[:, 0]))),
+        "N, most": (".2f", lambda objects: joined(objects, "gels")[:, 0].max()),
+        "mm deep, median": (".2f", lambda objects: float(np.median(joined(objects, "gels")[:, 1]))),
+        "mm deep, most": (".2f", lambda objects: joined(objects, "gels")[:, 1].max()),
+        "% beyond the layer": (".1f", lambda objects: 100 * joined(objects, "gels")[:, 2].mean()),
+        "% beyond the calibration": (".1f", lambda objects: 100 * joined(objects, "gels")[:, 3].mean()),
+    }
+    groups = {name: objects for name, objects in touches.by_class.items() if joined(objects, "gels").size}
+    return [tabulate("Elastic gels", "class", {**groups, TOTAL: touches.objects}, columns)]
+
+
+def slide_tables(data: Location) -> list[Table]:
+    """Count the steps of slides by class, those not settled and those in gross slip; no table if there are no slides."""
+    if not (slides := DataDirectory(data).collection(SLIDES)).shards:
+        return []
+    stored = [name for name in ("slide_settled", "slide_gross_slip") if slides.first.has(name)]
+    rows, steps = ObjectRows(data, stored, split=None), dict[str, list[dict[str, np.ndarray]]]()
+    for object_id, category in zip(rows.object_ids, rows.categories, strict=True):
+        steps.setdefault(category, []).append({name: rows.read(name, object_id) for name in stored})
+    groups = dict(sorted(steps.items())) | {TOTAL: [one for members in steps.values() for one in members]}
+    columns: Columns = {
+        "objects": ("", len),
+        "slides": ("", lambda members: sum(len(one["slide_settled"]) for one in members)),
+        "steps": ("", lambda members: sum(one["slide_settled"].size for one in members)),
+        "steps not settled": ("", lambda members: sum(int((~one["slide_settled"]).sum()) for one in members)),
+    }
+    if "slide_gross_slip" in stored:
+        columns["% of steps in gross slip"] = (".1f", lambda members: 100 * float(np.mean([one["slide_gross_slip"] for one in members])))
+    return [tabulate("Slides", "class", groups, columns)]
 
 
 def hold_tables(touches: Touches) -> list[Table]:

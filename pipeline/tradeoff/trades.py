@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from pydantic import ValidationError
-from scipy.stats import t as student
 
 from pipeline.config.settings import Settings
 from pipeline.entries import Entries
@@ -79,7 +79,7 @@ class Point(Entries):
             return np.inf
         spread = float(values.std(ddof=1)) * np.sqrt(1 / len(values) + 1 / objects)
         smallest = 300 / (trials * min(len(values), objects)) if trials else 0.0
-        return max(float(values.mean() + student.ppf(CONFIDENCE, len(values) - 1) * spread), smallest)
+        return max(float(values.mean() + scipy.stats.t.ppf(CONFIDENCE, len(values) - 1) * spread), smallest)
 
 
 class MeasuredTrade(Entries):

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 from rich.console import Console
 
@@ -11,7 +10,8 @@ from pipeline.console import Meter
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, POSITION
 from pipeline.kernels.geometry.transforms import scaling_about, transform_points
-from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances, search_tree
+from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances
+from pipeline.kernels.metrics.nearest_points import Cloud
 from pipeline.kernels.metrics.retrieval import SearchedClouds, chamfer_matrix, nearest_cloud, silhouette_overlap
 from stages.evaluate.evaluation_files import Figure, Figures
 from stages.evaluate.measure import MeasuredObjects
@@ -64,7 +64,7 @@ def retrieve(
     if touched is not None:
         clouds = {"by touch": touched, **clouds}
     queries = {
-        method: [search_tree(_scaled(points, objects.diagonal(name))) for points, name in zip(of_objects, ids, strict=True)]
+        method: [Cloud(_scaled(points, objects.diagonal(name))) for points, name in zip(of_objects, ids, strict=True)]
         for method, of_objects in clouds.items()
     }
     kinds = 1 + len(queries) + (silhouettes is not None)
@@ -93,9 +93,9 @@ def retrieve(
         return {BASELINE_PREFIX + method: Figures(ids, measured(matches)) for method, matches in matches_by_method.items()}
 
 
-def _cloud(training: ObjectRows, name: str) -> "scipy.spatial.cKDTree":
+def _cloud(training: ObjectRows, name: str) -> Cloud:
     """Read the points of an object that the search compares."""
-    return search_tree(_scaled(training.read("points", name)[:POINTS].astype(np.float64), training.diagonal(name)))
+    return Cloud(_scaled(training.read("points", name)[:POINTS].astype(np.float64), training.diagonal(name)))
 
 
 def _scaled(points: NDArray[np.float64], size: float, to: float = DIAGONAL) -> NDArray[np.float64]:
@@ -121,7 +121,7 @@ def _most_similar(silhouettes: Silhouettes, ids: Sequence[str], names: Sequence[
 
 
 def _nearest(
-    queries: "Mapping[str, Sequence[scipy.spatial.cKDTree]]",  # points of each test object, by method
+    queries: Mapping[str, Sequence[Cloud]],  # points of each test object, by method
     training: ObjectRows,
     meter: Meter,
 ) -> dict[str, NDArray[np.intp]]:  # (object, 1), by method

@@ -14,7 +14,8 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError, StoreError
 from pipeline.kernels.geometry.mesh import sample_triangles
-from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances, sampled_area, sampling_floor, search_tree
+from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances, sampled_area, sampling_floor
+from pipeline.kernels.metrics.nearest_points import Cloud
 from pipeline.models.foreign_data import as_learned
 from pipeline.models.observation import Observation, stored_observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor
@@ -233,7 +234,7 @@ def measure(
     kept_cases = cases if method.has_charts else [case for case in cases if case.first == 0]  # meshes are larger
     rows: list[Figure] = []
     kept: list[Reconstruction] = []
-    truth: dict[str, Any] = {}  # the search tree of the current object's points: its cases follow one another
+    truth: dict[str, Cloud] = {}  # the current object's points: its cases follow one another
     work = [(object_id, case) for object_id in objects.object_ids for case in cases]
     with Meter(job.console, f"{protocol.stage} {method.name}", len(work), "reconstructions") as meter:
         for start in range(0, len(work), size):
@@ -246,7 +247,7 @@ def measure(
                     case_name = " ".join(map(str, (method.name, *identity)))
                     raise StageError(f"the reconstruction of {case_name} holds NaN or infinity; was the model trained to the end?")
                 points, faces = sample_reconstruction(surface, objects.count, numpy_rng(job.seed, protocol.stage, *identity))
-                truth = truth if object_id in truth else {object_id: search_tree(objects.points(object_id))}
+                truth = truth if object_id in truth else {object_id: Cloud(objects.points(object_id))}
                 distances = cloud_distances(points, truth[object_id])
                 measured = MeasuredCase(object_id, case, surface, points, faces, distances, is_first=case is cases[0])
                 rows += [

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,7 @@ class GraspProtocol(Protocol):
             arrays += ["depth", "untouched", *(["vertices", "residual", "iterations", "stop_rule"] if charts else [])]
         super().__init__(job, arrays, ["points", "segmentation"] if images else ["points"])
         self.takes_image, self.takes_touch = bool(images), takes_touch
+        self.true_area = cache(lambda name: sampled_area(self.objects.points(name), self.objects.normals(name)))  # m²
         attributes = {"grasps": self.objects.attributes("grasps")}
         self.sensors = self.objects.sensors() if takes_touch else grasping_sensors(attributes)
         self.grasps = self.objects.size("touch_success", "grasp")
@@ -109,7 +111,6 @@ class GraspProtocol(Protocol):
     def appearance(self, measured: MeasuredCase) -> dict[str, float]:
         """Measure the appearance of a reconstruction; see the schema's `QUALITY`. For a point cloud, measure its farthest points alone."""
         reconstruction = measured.reconstruction
-        points, normals = self.objects.points(measured.object_id), self.objects.normals(measured.object_id)
         spike = {"spike": float(np.sqrt(np.quantile(measured.distances.predicted, 0.999)))}
         if not len(reconstruction.faces):
             return spike
@@ -118,13 +119,13 @@ class GraspProtocol(Protocol):
         across = face_cross_products(reconstruction.vertices[measured.faces])
         point_normals = across / np.linalg.norm(across, axis=1, keepdims=True)  # a face with a point on it has an area
         return {
-            "area_ratio": surface_area(reconstruction.vertices, reconstruction.faces) / sampled_area(points, normals),
+            "area_ratio": surface_area(reconstruction.vertices, reconstruction.faces) / self.true_area(measured.object_id),
             **({"dihedral": float(np.median(angles))} if len(angles) else {}),  # triangles without a common edge have none
             "seam_gap": 0.0
             if reconstruction.is_whole
             else float(seam_gaps(reconstruction.vertices[: reconstruction.vision], reconstruction.position).mean()),
             **spike,
-            "normal_consistency": normal_consistency(measured.points, point_normals, points, normals),
+            "normal_consistency": normal_consistency(point_normals, self.objects.normals(measured.object_id), measured.distances),
             "crossing": float(crossing_faces(reconstruction.vertices, vision, reconstruction.position).mean()),
         }
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import scipy
 import trimesh
 from numpy.typing import NDArray
 
@@ -18,6 +17,7 @@ from pipeline.formats.image_file import read_array
 from pipeline.formats.mesh_reader import load_mesh
 from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products, is_watertight
 from pipeline.kernels.geometry.mesh_cleaning import number_positions
+from pipeline.kernels.metrics.nearest_points import Cloud
 from pipeline.kernels.metrics.retrieval import mean_squared_distance
 from pipeline.models.reconstruction import Reconstruction
 from pipeline.rng import numpy_rng
@@ -255,6 +255,7 @@ def _share_when_turned(
     points: NDArray[np.float64],  # (N, 3) m, of the object
 ) -> float:
     """Compute the share of their distance that remains after turning `sample` from y up to z up about its middle."""
-    tree, middle = scipy.spatial.cKDTree(points), _box(points)[0]
+    cloud, middle = Cloud(points), _box(points)[0]
     x, y, z = (sample - middle).T
-    return mean_squared_distance(tree, middle + np.stack([x, -z, y], axis=1)) / max(mean_squared_distance(tree, sample), 1e-12)
+    turned = Cloud(middle + np.stack([x, -z, y], axis=1))
+    return mean_squared_distance(cloud, turned) / max(mean_squared_distance(cloud, Cloud(sample)), 1e-12)

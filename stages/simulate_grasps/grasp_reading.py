@@ -12,12 +12,12 @@ from pipeline.engine.stage import Inputs, Unit
 from pipeline.errors import InvalidInput, missing_name
 from pipeline.formats.grasp_file import PHASES, FileGrasp, Stated, grasp_files, read_grasp_file
 from pipeline.kernels.arrays import Array
-from pipeline.kernels.geometry.transforms import compose, length, pose_of
+from pipeline.kernels.geometry.transforms import compose, frame_and_scale, length, pose_of
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.physics.hold_test import HoldTest
 from pipeline.physics.simulation import Simulation
 from pipeline.store.rows import Row
-from stages.simulate_grasps.grasp_search import OPENING, RESTING_SPEED
+from stages.simulate_grasps.grasp_search import OPENING, OVERLOADED, RESTING_SPEED
 from stages.simulate_grasps.measured_grasps import Attempt, MeasuredGrasps
 from stages.simulate_grasps.prepare import measured_hand, prepare_object
 from stages.simulate_grasps.read_stage import ReadSettings, grasp_folder, model_joints
@@ -26,7 +26,6 @@ SAME_SCALE = 1e-4  # share by which the scale of a grasp's object may differ fro
 BEYOND = 0.1  # rad (m) that a joint may be beyond its limits, or off its coupling: more is another joint, or another hand
 TARGET_BEYOND = 2 * np.pi  # the same before and after the grasp: motors may drive beyond the limits to press
 FARTHEST = 10.0  # m, of the hand from the origin of the object's file
-AWAY = np.array([0.0, 0.0, 10.0])  # m, from the object to an empty grasp
 
 
 @contextmanager
@@ -71,9 +70,7 @@ class GraspReader:
         physics: Simulation | None,  # that closes the fingers
     ) -> None:
         self.measured, self.settings, self.physics, self.hand = measured, settings, physics, measured.measured_hand.hand
-        self.scale = float(np.cbrt(np.linalg.det(placement[:3, :3])))
-        self.frame = placement.copy()
-        self.frame[:3, :3] /= self.scale
+        self.frame, self.scale = frame_and_scale(placement)
         self.root = pose_of(Rotation.from_quat(settings.root[3:], scalar_first=True).as_matrix(), settings.root[:3])
 
     def row(self, grasps: Iterable[FileGrasp]) -> Row:
@@ -95,16 +92,11 @@ class GraspReader:
             raise InvalidInput(
                 f"none of its {pluralise(len(refused), 'grasp')} can be used; {refused[0] if refused else 'its files are empty'}"
             )
-        if more:
-            refused.append(f"{more} further: read-grasps.grasps is {self.settings.grasps}")
         touched = np.mean([attempt.grasp.touched for attempt in kept], axis=0)
-        last = kept[-1].grasp
-        away = last.hand_pose.copy()
-        away[:3, 3] += AWAY
-        kept += [self.measured.measure(away, last.joint_angles, last.joint_angles)] * (self.settings.grasps - len(kept))
+        repeated = np.arange(self.settings.grasps) % len(kept)
         return {
-            **self.measured.row(kept),
-            "attempts": np.array(len(origins) + len(refused) - (more > 0), np.int32),
+            **{name: values[repeated] for name, values in self.measured.row(kept).items()},
+            "attempts": np.array(len(origins) + len(refused) + more, np.int32),
             "attempt_success": touched.astype(np.float32),
             "grasp_files": np.array("\n".join(origins)),
             "refused_grasps": np.array("\n".join(refused)),
@@ -133,6 +125,9 @@ class GraspReader:
                     f"fingers still move after {steps} steps (read-grasps.settle_steps): does `vt-pipeline check` of the hand file name "
                     "links that overlap?"
                 )
+            grasp, within = self.measured.closed(pose, start, grasp)
+            if not within:
+                raise InvalidInput(f"{OVERLOADED}: is the pregrasp clear of the object?")
         attempt = self.measured.measure(pose, grasp if start is None else start, grasp, squeeze)
         if attempt.fault:
             raise InvalidInput(f"{attempt.fault}: {1e3 * attempt.penetration:.1f} mm; is read-grasps.root right for this hand?")
@@ -140,9 +135,8 @@ class GraspReader:
 
     def _joint_vector(self, stated: Stated, phase: str) -> Array:  # (J,) rad (m)
         """Put a file's values into the order of the hand's joints, by name."""
-        hand, joints = self.hand, self.settings.joints
-        listed = joints if isinstance(joints, tuple) and joints else model_joints(hand)
-        names, values = stated.joints or listed, stated.angles[phase]
+        hand, joints, known = self.hand, self.settings.joints, model_joints(self.hand)
+        names, values = stated.joints or (not isinstance(joints, dict) and joints) or known, stated.angles[phase]
         if len(names) != len(values):
             raise InvalidInput(
                 f"it has {len(values)} values of joints and names none of them, {pluralise(len(names), 'joint')} of hand {hand.name} are "
@@ -151,13 +145,10 @@ class GraspReader:
         if isinstance(joints, dict):
             names = [joints.get(name, name) for name in names]
         by_name = dict(zip(names, values.tolist(), strict=True))
-        coupled = {hand.joints[follower.link - 1].name: follower for follower in hand.followers}
-        known = {**dict.fromkeys(hand.joint_names), **coupled, **hand.frozen}
-        for name in by_name:
-            if name not in known:
-                raise InvalidInput(
-                    f"{missing_name('joint', name[:100], known)}; rename it by read-grasps.joints, or take a hand that has it"
-                )
+        if unknown := [name for name in by_name if name not in known]:
+            raise InvalidInput(
+                f"{missing_name('joint', unknown[0][:100], known)}; rename it by read-grasps.joints, or take a hand that has it"
+            )
         if twice := [name for name in by_name if list(names).count(name) > 1]:
             raise InvalidInput(f"joint {twice[0]!r} is there twice; give each joint one value, or correct read-grasps.joints")
         if lacking := [name for name in hand.joint_names if name not in by_name]:
@@ -166,12 +157,12 @@ class GraspReader:
         beyond = np.maximum(hand.lower - vector, vector - hand.upper)
         if beyond.max() > (BEYOND if phase == "grasp" else TARGET_BEYOND):
             joint = int(beyond.argmax())
+            unit = "m" if hand.joints[hand.joint_links[joint] - 1].kind == "prismatic" else "rad"
             raise InvalidInput(
                 f"joint {hand.joint_names[joint]} is {vector[joint]:.3g} in the {phase}, its limits are {hand.lower[joint]:.3g} to "
-                f"{hand.upper[joint]:.3g}; is it in rad (m), and do read-grasps.joints and the hand fit the file?"
+                f"{hand.upper[joint]:.3g}; is it in {unit}, and do read-grasps.joints and the hand fit the file?"
             )
-        rigid = {**hand.frozen, **{name: float(follower.of(vector)) for name, follower in coupled.items()}}
-        for name, value in rigid.items():
+        for name, value in hand.joint_values(vector).items():
             if phase == "grasp" and abs(by_name.get(name, value) - value) > BEYOND:
                 raise InvalidInput(
                     f"joint {name} is {by_name[name]:.3g}, in hand {hand.name} it is {value:.3g}: frozen, or coupled to another"

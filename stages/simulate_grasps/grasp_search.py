@@ -25,6 +25,7 @@ from stages.simulate_grasps.plans import HoldPlanner, TouchPlanner
 from stages.simulate_grasps.prepare import CLEARANCE, prepare_hand, prepare_object
 from stages.simulate_grasps.stage import MAX_ATTEMPTS_FACTOR, GraspSettings
 
+OVERLOADED = "a gel presses harder than the finger's motors, and there is no room to open it"
 OPENING = 0.006  # m that each sensor is drawn back before it closes: about a gel's thickness; 0 and 12 mm touch as often
 RESTING_SPEED = 2e-3  # rad/s below which a joint rests, a tenth of it in m/s where it slides: at most 1 µm of the sensor's way in a step
 
@@ -104,10 +105,13 @@ class GraspSearch(MeasuredGrasps):
         hand, settings = self.hand.hand, self.settings
         start = self._pregrasp(pose, target)
         angles, rests = self.physics.settle(pose, start, target, max_steps=settings.settle_steps, resting_speed=RESTING_SPEED)
+        angles, within = self.closed(pose, start, angles)
         attempt = self.measure(pose, start, angles)
         fault = attempt.fault
         if not rests:
             fault = f"fingers still move after {settings.settle_steps} steps (simulate-grasps.settle_steps)"
+        elif not within:
+            fault = OVERLOADED
         elif not ((angles >= hand.lower) & (angles <= hand.upper)).all():
             fault = "a joint is pushed beyond its limit"
         elif hand_gap(hand, self.hand.ik.boxes, forward_kinematics(hand, pose, angles)) < 0:

@@ -9,6 +9,7 @@ from pipeline.dataset.grasps import grasp_row
 from pipeline.kernels.arrays import Array, Array32
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.distance_field import penetration_depth
+from pipeline.kernels.hand.gel_balance import close_to_torque
 from pipeline.kernels.hand.grasp import Grasp, closure_margin, contact_from_depth
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
@@ -59,6 +60,16 @@ class MeasuredGrasps:
             limit = 1e3 * self.limits.penetration_limit
             fault = f"a rigid link is more than {limit:g} mm inside the object ({self.limits.stage}.penetration_limit)"
         return Attempt(Grasp(pose, start, angles, squeeze, poses, contacts), penetration, fault)
+
+    def closed(self, pose: Array, start: Array, angles: Array) -> tuple[Array, bool]:
+        """Let the fingers that close from one posture (J,) to another stop where elastic gels take all of the motors' torque.
+
+        Also return whether there is such a posture.
+        """
+        hand = self.measured_hand
+        if any(sensor.gel is None for sensor in hand.sensors):
+            return angles, True
+        return close_to_torque(hand.hand, hand.sensors, self.object.faces, pose, start, angles)
 
     def row(self, kept: Sequence[Attempt]) -> Row:
         """Make the part of an object's row that describes these grasps."""

@@ -17,6 +17,7 @@ from pipeline.kernels.hand.load_residual import NO_SUPPORT, Support, best_suppor
 from pipeline.kernels.hand.pinches import WIDTH_STEP, OpposedPostures, antipodal_points, central_weights
 from pipeline.kernels.hand.pregrasp import frame_along, tangent_palm_pose
 from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.sensor import resample_longer_side
 from stages.simulate_grasps.prepare import CLEARANCE, PreparedHand, PreparedObject
 from stages.simulate_grasps.stage import GraspSettings
 
@@ -26,6 +27,7 @@ DRAWS = 256  # poses on opposed points drawn at once; one that has room is chose
 MAX_DRAWS = 4  # times that `DRAWS` poses are drawn; then a pose is drawn as for touches
 FINGER_ROOM = -0.003  # m by which the two fingers may overlap the object in a drawn posture: the inverse kinematics corrects it
 GEL_DISTANCE = 0.002  # m, largest distance of their gels from the object in a drawn posture
+PLANNED_PIXELS = 100  # along the longer side of a gel whose contacts are evaluated
 WEIGHED_CHOICES = 128  # most choices of fingers' postures whose contacts are evaluated
 BATCHES = (1, 8, 32)  # choices after which the evaluation checks whether the best one can still be surpassed
 
@@ -82,6 +84,8 @@ class HoldPlanner(TouchPlanner):
         field, points, normals = prepared_object.field, prepared_object.points, prepared_object.normals
         widest, friction = float(postures.width.max(initial=0.0)) + WIDTH_STEP, prepared_hand.hand.friction
         self.postures, self.pairs = postures, antipodal_points(field, points, normals, friction=friction, widest=widest, rng=rng)
+        worn, fewer = prepared_hand.sensors, PLANNED_PIXELS
+        self.sensors = [sensor if max(sensor.shape) <= fewer else resample_longer_side(sensor, fewer) for sensor in worn]
         self.centre = points.mean(axis=0)  # of the mass, which is spread evenly over the exterior
         self.weights = central_weights(self.pairs, self.centre, spread=settings.spread) if len(self.pairs.width) else np.empty(0)
 
@@ -150,7 +154,7 @@ class HoldPlanner(TouchPlanner):
             needed = np.zeros_like(measured)
             needed[of_batch] = True
             for option, sensor in np.argwhere(needed & ~measured).tolist():
-                pose, worn = poses[option, sensor], self.prepared_hand.sensors[sensor]
+                pose, worn = poses[option, sensor], self.sensors[sensor]
                 contact = contact_from_depth(ray_depth(self.prepared_object.faces, pose, worn), pose, worn)
                 if contact is not None:
                     points[option, sensor], normals[option, sensor] = contact.point - self.centre, contact.normal

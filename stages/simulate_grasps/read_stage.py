@@ -1,6 +1,5 @@
 """`read-grasps`: grasps made elsewhere, in place of those that `simulate-grasps` searches."""
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from itertools import islice
@@ -36,8 +35,8 @@ class ReadSettings(HandSettings):
     )
     grasps: int = setting(
         20,
-        "per object, the first that can be used; DexGraspBench and BODex write 20. Where an object has fewer, the rest are empty: the "
-        "hand is 10 m above the object and touches nothing",
+        "per object, the first that can be used; DexGraspBench and BODex write 20. Where an object has fewer, they are repeated: "
+        "learning sees them again, exports and GraspDataset do not",
         ge=1,
         changes="definition",
     )
@@ -98,16 +97,15 @@ class ReadGrasps(GraspStage):
             {name: str(values[row]).splitlines() for name, row in shard.position.items() if values[row]}
             for values in (shard.read("grasp_files"), shard.read("refused_grasps"))
         )
-        counts = [len(lines) for lines in read.values()]
-        further = sum(int(lines.pop().split()[0]) for lines in refused.values() if re.match("[0-9]+ further: ", lines[-1]))
-        refused = {name: lines for name, lines in refused.items() if lines}
-        total = f"{pluralise(sum(counts), 'grasp')} of {pluralise(len(read))} read, {sum(map(len, refused.values()))} refused"
+        counts, refusals = [len(lines) for lines in read.values()], sum(map(len, refused.values()))
+        further = int(shard.read("attempts").sum()) - sum(counts) - refusals
+        total = f"{pluralise(sum(counts), 'grasp')} of {pluralise(len(read))} read, {refusals} refused"
         yield total + (f", {further} further not read: read-grasps.grasps is {settings.grasps}" if further else "")
         if refused:
             reason = next(iter(refused.values()))[0]
             yield f"warning: grasps of {pluralise(len(refused))} refused ({abbreviate([*refused])}; all in `refused_grasps`), {reason}"
         if counts and max(counts) < settings.grasps:
-            yield f"no object has more than {pluralise(max(counts), 'grasp')}: read-grasps.grasps={max(counts)} saves the empty ones"
+            yield f"no object has more than {pluralise(max(counts), 'grasp')}: read-grasps.grasps={max(counts)} repeats fewer"
 
     def describe_misfits(self, settings: ReadSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
         """Name what is estimated of the hand, and the order of the joints in files that do not name them."""

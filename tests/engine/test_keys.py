@@ -65,7 +65,7 @@ def test_changed_module_rehashes_the_stages_that_depend_on_it_only(tmp_path):
         "pipeline/engine/make.py": [],
         "pipeline/kernels/geometry/exterior_sampling.py": ["stages.sample_surfaces"],
         "pipeline/kernels/vision/primitives.py": ["stages.render_vision.stage"],
-        "pipeline/kernels/touch/tactile_image.py": ["stages.simulate_presses", "stages.simulate_touch"],
+        "pipeline/kernels/touch/tactile_image.py": ["stages.simulate_presses", "stages.simulate_slides", "stages.simulate_touch"],
         "pipeline/kernels/networks/unet.py": ["stages.fit_charts", "stages.train_touch", "stages.train_unet"],
         "pipeline/kernels/charts/chart_steps.py": ["stages.fit_charts"],
         "pipeline/kernels/metrics/retrieval.py": ["stages.evaluate.stage"],

@@ -189,6 +189,16 @@ def test_left_hand_mirrors_the_right_hand(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(sensors[1][:, :3, 3], sensors[0][:, :3, 3] * [1, -1, 1], atol=1e-12)
 
 
+@pytest.mark.parametrize("name", ["allegro_right", "allegro_right_mini"])
+def test_drawn_gels_are_as_large_as_the_sensors_and_lie_on_their_planes(name: str) -> None:
+    hand = load_hand(name)
+    for mount, sensor in zip(hand.sensors, load_worn_sensors(sensor_names(hand)), strict=True):
+        gel = hand.links[mount.link].visuals[-1].mesh.vertices
+        local = (gel - mount.pose[:3, 3]) @ mount.pose[:3, :3]
+        half = np.array([sensor.width, sensor.height]) / 2
+        np.testing.assert_allclose([local.min(axis=0), local.max(axis=0)], [[*-half, 0], [*half, sensor.w]], atol=2e-5)
+
+
 def test_gripper_is_one_finger_with_two_sensors() -> None:
     hand = load_hand("two_finger_gripper")
     (finger,) = hand.fingers

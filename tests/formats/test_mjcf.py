@@ -226,6 +226,7 @@ def test_check_says_what_is_ignored(claw: Hand) -> None:
     text = "\n".join(read_model(claw.model, "palm").notes)
     for part in (
         "grasps do not need are ignored: cameras (1), lights (1), sites (1), keys (1), textures (1)",
+        "dynamics of joints, which suit the MJCF's own motors, are ignored: damping",
         "tendons that no actuator pulls and no equality ties are ignored: loose",
         "equalities that are not active are ignored: equality-1",
         "one motor moves left1 and left2 by a tendon: the second follows the first, by -0.5",

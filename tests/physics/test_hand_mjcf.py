@@ -9,7 +9,7 @@ from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.touch.depth_maps import gel_top
-from pipeline.physics.hand_mjcf import joint_values, write_hand_mjcf
+from pipeline.physics.hand_mjcf import write_hand_mjcf
 from pipeline.physics.hand_urdf import gel_name
 
 mujoco = pytest.importorskip("mujoco")
@@ -28,7 +28,7 @@ def test_links_and_gels_are_where_our_kinematics_put_them(name: str, tmp_path: P
     rng = np.random.default_rng(0)
     for _ in range(20):
         posture = rng.uniform(hand.lower, hand.upper)
-        data.qpos[:] = joint_values(hand, joint_names, posture)
+        data.qpos[:] = [*map(hand.joint_values(posture).get, joint_names)]
         mujoco.mj_kinematics(model, data)
         poses = forward_kinematics(hand, np.eye(4), posture)
         for number, link in enumerate(hand.links):
@@ -41,7 +41,7 @@ def test_links_and_gels_are_where_our_kinematics_put_them(name: str, tmp_path: P
 
 def test_following_joint_has_an_entry_of_qpos_and_a_gear(tmp_path: Path) -> None:
     gripper = load_hand("two_finger_gripper")
-    assert joint_values(gripper, ["right_slide", "left_slide"], np.array([0.03])) == pytest.approx([0.03, 0.03])
+    assert gripper.joint_values(np.array([0.03])) == pytest.approx({"right_slide": 0.03, "left_slide": 0.03})
     write_hand_mjcf(gripper, (), tmp_path / "hand.xml")
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "hand.xml"))
     assert (model.nu, model.neq) == (1, 1)

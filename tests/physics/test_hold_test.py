@@ -1,6 +1,7 @@
 """The hold test against Coulomb's law: a post between the pads of a gripper."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import trimesh
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.gel_balance import with_force
 from pipeline.kernels.hand.grasp import Contact, Grasp, contact_from_depth
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Hand
@@ -143,3 +145,35 @@ def test_mesh_of_several_shapes_is_one_body() -> None:
     fine = post(subdivisions=6)
     assert lifted(fine, mass=0.5 * HOLDS)
     assert not lifted(fine, mass=0.5 * HOLDS, sideways=0.03)
+
+
+@pytest.mark.parametrize("modulus", [5e4, 2e5])
+def test_elastic_gels_press_with_their_force_and_carry_the_weight_of_an_object_at_rest(modulus: float) -> None:
+    sensor = load_sensor("gelsight_mini").model_copy(update={"gel": Gel(modulus=modulus, poisson=0.3, thickness=0.002)})
+    mesh, mass, angles = post(), 0.2, np.array([WIDTH / 2 + sensor.w - 0.0004])
+    pose, faces = gripping_pose(0.0), box_faces(mesh.triangles)
+    poses = sensor_poses(GRIPPER, pose, angles)
+    contacts = [contact_from_depth(ray_depth(faces, at, sensor), at, sensor) for at in poses]
+    assert contacts[0]
+    force = with_force(contacts[0], faces, poses[0], sensor).force
+    with HoldTest(replace(GRIPPER, torque=1e3), [sensor, sensor], mass=mass) as test:
+        test.load(mesh, points_on(mesh, 2000, seed=0)[0])
+        motion = test.hold(Grasp(pose, angles, angles, angles, poses, contacts), seconds=2.0)
+        test.advance(0.25)
+        forces, weight = test.forces(), mass * GRAVITY
+    assert is_held(motion.moved, motion.speed) == (2 * GRIPPER.friction * force > -weight)
+    if motion.moved < 0.01:
+        np.testing.assert_allclose(forces.sum(axis=0), [0, 0, -weight], atol=0.02 * -weight)
+        np.testing.assert_allclose(np.abs(forces[:2, 1]), force, rtol=0.1)
+        np.testing.assert_allclose(forces[2], 0, atol=1e-9)  # rigid links do not touch
+
+
+def test_force_of_an_elastic_gels_plate_is_the_contacts_with_its_slope_and_goes_on_straight() -> None:
+    sensor = load_sensor("gelsight_mini")
+    contact = Contact(np.zeros(3), np.zeros(3), area=1e-4, volume=5e-8, nearest=sensor.w - 0.001, force=5.0, stiffness=12000.0)
+    spring = gel_spring(sensor, contact, friction=0.5)
+    assert spring.force(spring.travel) == pytest.approx(5.0)
+    assert (spring.force(spring.travel) - spring.force(spring.travel - 1e-7)) / 1e-7 == pytest.approx(12000, rel=1e-3)
+    assert spring.force(2 * spring.travel) == pytest.approx(5.0 + 12000 * spring.travel)
+    assert spring.force(0.0) == spring.force(-0.001) == 0
+    assert spring.force(spring.travel - 5.0 / 12000) == pytest.approx(5.0 / 4)  # at half the depth

@@ -13,9 +13,14 @@ from pipeline.config.settings import Settings
 from pipeline.console import show_tables
 from pipeline.dataset.object_rows import has_paper_sizes
 from pipeline.engine.plan import Request
-from pipeline.tables.touch_tables import SIZES, ObjectTouches, Touches, hold_tables, size_bins, touch_tables
+from pipeline.formats.sensor_file import load_sensor
+from pipeline.store.directory import DataDirectory
+from pipeline.tables.touch_tables import SIZES, ObjectTouches, Touches, hold_tables, read_touches, size_bins, touch_tables
 from schemas.surfaces import SURFACES
+from schemas.touch import TOUCH
+from stages.simulate_touch import SimulateTouch, TouchSettings
 from tests.engine.tiny_stages import pack
+from tests.stages import ball_dataset
 from tests.stages.ball_dataset import Given, objects, surfaces
 
 
@@ -101,3 +106,24 @@ def test_paper_sizes_require_the_paper_diagonal_for_every_object(
     request: Any = Request(stage=stage, settings=Settings(), manifest="balls", objects=objects(2), preset="draft", seed=0, data=tmp_path)
     pack(request, stage.row)
     assert has_paper_sizes(tmp_path) == expected
+
+
+def test_forces_and_depths_of_elastic_gels_are_tabulated_and_said_with_what_is_beyond_layer_and_calibration(tmp_path: Path):
+    """In a layer of 2.06 mm, fitted to 1.41 mm, and in one of 5 mm that was not fitted."""
+    sensors = [load_sensor("gelsight_mini"), load_sensor("digit")] * 2
+    worn = {"sensors": [sensor.model_dump(mode="json") for sensor in sensors]}
+    deep = np.zeros((5, 4), np.float32)
+    deep[0], deep[1, :2] = [1e-3, 4e-3, 1.5e-3, 0], [2.5e-3, 2.5e-3]
+    ball_dataset.make_data(tmp_path, 2)
+    assert "Elastic gels" not in [table.title for table in touch_tables(read_touches(tmp_path))]
+    balls = next(stage for stage in ball_dataset.stages() if stage.output is TOUCH)
+    stage = Given(TOUCH, lambda unit: balls.row(unit) | {"indentation": deep, "force": 2e3 * deep}, (), balls.constants(Settings()), worn)
+    request: Any = Request(stage=stage, settings=Settings(), manifest="balls", objects=objects(2), preset="draft", seed=0, data=tmp_path)
+    pack(request, stage.row)
+    (table,) = (table for table in touch_tables(read_touches(tmp_path)) if table.title == "Elastic gels")
+    assert table.text(table.rows[-1]) == ["all", "10", "5.00", "8.00", "2.50", "4.00", "20.0", "40.0"]
+    assert [row.cells[0] for row in table.rows] == ["bottle", "knife", "all"]
+    shard = DataDirectory(tmp_path).collection(TOUCH).first
+    layer, calibration = SimulateTouch().describe_shard(TouchSettings(), shard)
+    assert layer.startswith("2 of 10 touches are up to 2.50 mm deep, beyond the gel's elastic layer")
+    assert calibration.startswith("4 of 10 touches are up to 2.50 mm deep, beyond the gel's calibration")

@@ -6,13 +6,15 @@ from typing import Any
 import numpy as np
 
 from pipeline.contrib.report.figures import procedure_steps
-from pipeline.dataset.object_rows import ObjectRows
+from pipeline.dataset.object_rows import ObjectRows, sensor_of
 from pipeline.drawing.colors import COLORS, depth_colors
+from pipeline.drawing.slide_pictures import first_slide
 from pipeline.kernels.vision.camera import project_points, projection_matrix
 from pipeline.store.directory import DataDirectory
 from schemas.catalogue import ARTIFACTS
 from schemas.presses import PRESSED
 from tools.picture_row import draw_row
+from tools.slide_picture import slide_panels
 from tools.stage_pictures.subject import Subject, cutting_plane, frame_cut, outline
 
 SLAB = 0.004
@@ -118,6 +120,13 @@ def draw_presses(subject: Subject, path: Path) -> None:
         maps.append(np.where(contacts[n][..., None], grey * CONTACT_COLOR, grey).astype(np.uint8))
     titles = [f"{PRESSED[shapes[n]]}, {1e3 * indentations[n].max():.1f} mm" for n in selected]
     draw_row([*zip(titles, images[selected], strict=True), *(("", picture) for picture in maps)], path, columns=len(selected))
+
+
+def draw_slides(subject: Subject, path: Path) -> None:
+    """Draw a step of each part of the first slide, and the forces over time: tactile images above motion and slip of the gel."""
+    slides = subject.source.directory.collection(ARTIFACTS["slides"])
+    _, touches = first_slide(slides.view(subject.object_id))
+    draw_row(slide_panels(touches, sensor_of(slides.first), {"pressed": 0.25, "slid": 0.5, "then twisted": 0.75}), path, columns=4)
 
 
 def draw_renderings(directory: DataDirectory, path: Path) -> None:

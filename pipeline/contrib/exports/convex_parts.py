@@ -7,12 +7,12 @@ from pathlib import Path
 
 import igl
 import numpy as np
-from scipy.spatial import ConvexHull
+import trimesh
 
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array
-from pipeline.kernels.geometry.mesh import Mesh, is_watertight
+from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.store.storage import temporary
 
 THRESHOLD = 0.05
@@ -50,39 +50,28 @@ def _decompose(mesh: Mesh) -> list[Array]:
     coacd.set_log_level("error")
     parts = []
     for piece in _pieces(mesh):
-        hull = ConvexHull(piece.vertices)
-        if _volume(piece) >= CONVEX * hull.volume:
-            parts.append(piece.vertices[hull.vertices])
+        hull = piece.convex_hull
+        if piece.volume >= CONVEX * hull.volume:
+            parts.append(np.array(hull.vertices))
         else:
             hulls = coacd.run_coacd(coacd.Mesh(piece.vertices, piece.faces), threshold=THRESHOLD, seed=0)
             parts += [_at_surface(np.asarray(vertices), piece) for vertices, _ in hulls]
     return parts
 
 
-def _pieces(mesh: Mesh) -> list[Mesh]:
+def _pieces(mesh: Mesh) -> list[trimesh.Trimesh]:
     """Split a mesh into its connected pieces; one that is open, or encloses a cavity, stays whole.
 
     Pieces of a closed mesh may overlap: the object is their union.
     """
     positions, inverse = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    faces = inverse.reshape(-1)[mesh.faces]
-    labels = igl.facet_components(np.ascontiguousarray(faces.astype(np.int64)))[1]
-    pieces = []
-    for label in range(labels.max() + 1):
-        used, corners = np.unique(faces[labels == label], return_inverse=True)
-        pieces.append(Mesh.bare(positions[used], corners.reshape(-1, 3)))
-    split = all(is_watertight(piece.faces) and _volume(piece) > 0 for piece in pieces)
-    return pieces if split else [Mesh.bare(positions, faces)]
+    body = trimesh.Trimesh(positions, inverse.reshape(-1)[mesh.faces], process=False)
+    pieces = list(body.split(only_watertight=False))
+    return pieces if all(piece.is_watertight and piece.volume > 0 for piece in pieces) else [body]
 
 
-def _volume(mesh: Mesh) -> float:
-    """Compute the signed volume that a closed mesh encloses, m³."""
-    first, second, third = np.moveaxis(mesh.triangles - mesh.vertices[0], 1, 0)
-    return float(np.einsum("fi,fi->", first, np.cross(second, third)) / 6)
-
-
-def _at_surface(points: Array, mesh: Mesh) -> Array:
+def _at_surface(points: Array, mesh: trimesh.Trimesh) -> Array:
     """Move the points (N, 3) that are near a mesh onto it."""
-    squares, _, nearest = igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces.astype(np.int64))
+    squares, _, nearest = igl.point_mesh_squared_distance(points, mesh.vertices, np.asarray(mesh.faces, np.int64))
     reach = THICKENED * float(np.ptp(mesh.vertices, axis=0).max()) / 2
     return np.where((squares <= reach**2)[:, None], nearest, points)

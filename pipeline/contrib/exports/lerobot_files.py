@@ -1,4 +1,4 @@
-"""Export to the layout of LeRobotDataset v3: an episode per object, a frame per grasp.
+"""Export to the layout of LeRobotDataset v3: an episode per object, a frame per grasp; or an episode per slide, a frame per step.
 
 Images are PNG, depth is float32 and poses are float64 in the tables, so nothing is lost; LeRobot hands poses out as float32. Its own videos
 are lossy: MP4 compresses colours, and its depth has 12 bits.
@@ -7,6 +7,7 @@ are lossy: MP4 compresses colours, and its depth has 12 bits.
 import json
 import tempfile
 import warnings
+from collections import Counter
 from collections.abc import Mapping
 from contextlib import ExitStack
 from itertools import accumulate, pairwise
@@ -15,13 +16,12 @@ from typing import IO, Any
 
 import numpy as np
 
-from pipeline.contrib.exports.grasp_frames import BY_FINGER, Column, GraspFrames, instruction
+from pipeline.contrib.exports.grasp_frames import Column
 from pipeline.contrib.exports.parquet_files import import_arrow, schema_of, table_of
+from pipeline.contrib.exports.slide_frames import open_frames
 from pipeline.store.storage import Location
 
 VERSION = "v3.0"
-FPS = 1
-"""Frames per second: grasps are not a film; each follows one second after the last."""
 FILE_BYTES = 100 * 10**6
 """Size of a data file after which the next one begins, as in LeRobot."""
 CHUNK = 1000
@@ -34,23 +34,24 @@ NAMES = {"unoccluded": "observation.images.unoccluded", "occluded": "observation
 INDEX = {name: Column("int64") for name in ("frame_index", "episode_index", "index", "task_index")}
 
 
-def export_lerobot(data: Location, folder: Path) -> str:
+def export_lerobot(data: Location, folder: Path, of: str | None = None) -> str:
     """Write `data`, `meta/info.json`, `meta/stats.json`, `meta/tasks.parquet` and `meta/episodes`."""
-    pa, frames = import_arrow(), GraspFrames(data)
+    pa, frames = import_arrow(), open_frames(data, of)
     import pandas
 
     columns = {_name(name): column for name, column in frames.columns.items()} | {"timestamp": Column("float32")} | INDEX
-    schema, tasks = schema_of(columns), sorted({instruction(category) for category in frames.rows.categories})
-    episodes: list[dict[str, Any]] = []
+    schema, tasks = schema_of(columns), sorted({frames.instruction(category) for category in frames.rows.categories})
+    episodes, splits = list[dict[str, Any]](), Counter[str]()
     index, number, size = 0, -1, FILE_BYTES  # of the next frame; of the current data file, and its bytes
     with tempfile.TemporaryFile(dir=folder) as spooled, ExitStack() as opened:
         statistics = _Statistics(columns, spooled)
-        for _, object_frames in frames.objects():
-            task = tasks.index(instruction(object_frames[0]["category"]))
+        for split, episode in frames.episodes():
+            task = tasks.index(frames.instruction(episode[0]["category"]))
+            splits[split] += 1
             rows = []
-            for grasp, frame in enumerate(object_frames):
-                numbers = {"frame_index": grasp, "episode_index": len(episodes), "index": index + grasp, "task_index": task}
-                rows.append({_name(name): value for name, value in frame.items()} | {"timestamp": grasp / FPS} | numbers)
+            for number_in, frame in enumerate(episode):
+                numbers = {"frame_index": number_in, "episode_index": len(episodes), "index": index + number_in, "task_index": task}
+                rows.append({_name(name): value for name, value in frame.items()} | {"timestamp": number_in / frames.fps} | numbers)
                 statistics.update(rows[-1])
             if size >= FILE_BYTES:
                 opened.close()  # the file before
@@ -67,7 +68,7 @@ def export_lerobot(data: Location, folder: Path) -> str:
             episodes.append({"episode_index": len(episodes), "tasks": [tasks[task]], "length": len(rows), **files, **span})
             index += len(rows)
         summary = statistics.summary()
-    ends = list(accumulate(map(len, frames.object_ids.values()), initial=0))
+    ends = list(accumulate(splits.values(), initial=0))
     info = {
         "codebase_version": VERSION,
         "robot_type": frames.hand,
@@ -77,8 +78,8 @@ def export_lerobot(data: Location, folder: Path) -> str:
         "chunks_size": CHUNK,
         "data_files_size_in_mb": FILE_BYTES // 10**6,
         "video_files_size_in_mb": 200,
-        "fps": FPS,
-        "splits": {split: f"{start}:{end}" for split, (start, end) in zip(frames.object_ids, pairwise(ends), strict=True)},  # of episodes
+        "fps": int(frames.fps) if frames.fps.is_integer() else frames.fps,
+        "splits": {split: f"{start}:{end}" for split, (start, end) in zip(splits, pairwise(ends), strict=True)},  # of episodes
         "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
         "video_path": None,
         "features": {name: _feature(column) for name, column in columns.items()},
@@ -96,7 +97,7 @@ def export_lerobot(data: Location, folder: Path) -> str:
 def _name(name: str) -> str:
     """Look up the name that LeRobot's policies know a column by."""
     array, _, finger = name.partition(".")
-    if array in BY_FINGER:
+    if finger and array != "sensor":
         return f"observation.images.tactile_{finger}" if array == "tactile_image" else f"observation.{array}_{finger}"
     return NAMES.get(name, f"observation.{name}" if name in ("hand_pose", "sensor_pose", "touch_success") else name)
 

@@ -1,4 +1,4 @@
-"""Export to Hugging Face parquet: one table per split, a row per grasp; images decode, arrays keep shape and type."""
+"""Export to Hugging Face parquet: one table per split, a row per grasp or step of a slide; images decode, arrays keep shape and type."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -10,15 +10,21 @@ import numpy as np
 
 from pipeline.contrib.exports.dataset_card import About, Facts, write_card, write_croissant
 from pipeline.contrib.exports.grasp_frames import Column, GraspFrames
+from pipeline.contrib.exports.slide_frames import open_frames
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import read_description
 from pipeline.formats.image_file import encode_image
 from pipeline.store.storage import Location
 
 
-def export_parquet(data: Location, folder: Path, about: Path | None = None) -> str:
-    """Write `data/SPLIT.parquet`, with a card and Croissant metadata that name what the publisher states in the YAML file `about`."""
-    pa, frames = import_arrow(), GraspFrames(data)
+def export_parquet(data: Location, folder: Path, about: Path | None = None, of: str | None = None) -> str:
+    """Write `data/SPLIT.parquet`; of grasps with a card and Croissant metadata.
+
+    These name what the publisher states in the YAML file `about`.
+    """
+    pa, frames = import_arrow(), open_frames(data, of)
+    if about and not isinstance(frames, GraspFrames):
+        raise InvalidInput("--about describes a dataset of grasps; slides have no card: leave it out")
     publisher = read_description("about", about, About) if about else About()
     (folder / "data").mkdir()
     schema = schema_of(frames.columns)
@@ -27,8 +33,10 @@ def export_parquet(data: Location, folder: Path, about: Path | None = None) -> s
             split: opened.enter_context(pa.parquet.ParquetWriter(folder / "data" / f"{split}.parquet", schema, compression="zstd"))
             for split in frames.object_ids
         }
-        for split, rows in frames.objects():
+        for split, rows in frames.episodes():
             writers[split].write_table(table_of(rows, frames.columns, schema))
+    if not isinstance(frames, GraspFrames):
+        return frames.summary
     facts = Facts(data, frames)
     write_card(data, facts, publisher, folder)
     write_croissant(facts, publisher, folder)
@@ -66,7 +74,7 @@ def feature_of(column: Column) -> dict[str, Any]:
 
 
 def table_of(frames: Sequence[Mapping[str, Any]], columns: Mapping[str, Column], schema: Any) -> Any:
-    """Make a table of frames (see `GraspFrames`) with the `schema_of` its columns; images become PNG."""
+    """Make a table of frames (see `Frames`) with the `schema_of` its columns; images become PNG."""
     pa = import_arrow()
     arrays = []
     for name, column in columns.items():

@@ -51,7 +51,7 @@ class ReportSource(CompletedObjects):
     """
 
     def __init__(self, data: Location, results: Results | None = None) -> None:
-        super().__init__(data, ("surfaces", "grasps", "touch"), ("vision", "charts"))
+        super().__init__(data, ("surfaces", "grasps", "touch"), ("vision", "charts", "slides"))
         self.results = results or Results(
             self.directory, evaluations(self.directory), [name for name, problem in scores(self.directory).items() if not problem]
         )

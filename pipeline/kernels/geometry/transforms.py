@@ -58,6 +58,14 @@ def scaling_about(centre: ArrayLike, factor: float) -> Array:
     return scaling
 
 
+def frame_and_scale(similarity: Array) -> tuple[Array, float]:
+    """Split a rigid transform with one scale (4, 4) into the rigid one, and the scale."""
+    scale = float(np.cbrt(np.linalg.det(similarity[:3, :3])))
+    frame = similarity.copy()
+    frame[:3, :3] /= scale
+    return frame, scale
+
+
 def invert_similarity(similarity: Array) -> Array:
     """Invert a rigid transform with one scale (4, 4): its axes are orthogonal, and the scale is their length."""
     squared = float((similarity[:3, 0] ** 2).sum())

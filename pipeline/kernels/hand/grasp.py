@@ -26,6 +26,8 @@ class Contact:
     area: float  # m², of the sensor plane over which the surface presses into the gel
     volume: float = 0.0  # m³, that the surface displaces
     nearest: float = 0.0  # m, least distance of the surface from the sensor plane
+    force: float = 0.0  # N, of an elastic gel along its normal
+    stiffness: float = 0.0  # N/m, by which that grows if the gel is pressed in further
 
 
 def contact_from_depth(depth: np.ndarray, pose: Array, sensor: Sensor) -> Contact | None:

@@ -3,43 +3,50 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import scipy
 
-from pipeline.kernels.arrays import Array, Array32, Floats, Mask
-from pipeline.kernels.metrics.cloud_distances import search_tree
+from pipeline.kernels.arrays import Array, Array32, Integers, Mask
+from pipeline.kernels.metrics.nearest_points import Cloud
 
 SITES = 16  # per side of the grid around many clouds, by which most are excluded at once
 ROUNDING = 1 - 1e-9  # factor that keeps a bound below its distance despite rounding
 
 
-def mean_squared_distance(tree: "scipy.spatial.cKDTree", points: Floats) -> float:
-    """Compute the mean squared distance from points (N, 3) to the nearest of a tree's, in the square of their unit."""
-    return float(np.square(tree.query(points)[0]).mean())
+def mean_squared_distance(cloud: Cloud, query: Cloud) -> float:
+    """Compute the mean squared distance from the points of a query to the nearest of a cloud's, in the square of their unit."""
+    return float(cloud.nearest(query)[0].mean())
 
 
 class SearchedClouds:
-    """Clouds, as search trees, among which the nearest to a query is searched, and their distances from a grid of sites around them."""
+    """Clouds among which the nearest to a query is searched, and their distances from a grid of sites around them."""
 
-    def __init__(self, clouds: "Sequence[scipy.spatial.cKDTree]") -> None:
+    def __init__(self, clouds: Sequence[Cloud]) -> None:
         self.clouds = clouds
-        low, high = (edge([edge(cloud.data, axis=0) for cloud in clouds], axis=0) for edge in (np.min, np.max))
-        self.sites = np.stack(np.meshgrid(*np.linspace(low, high, SITES).T), axis=-1).reshape(-1, 3)
-        self._tree = search_tree(self.sites)
-        self._gaps = np.stack([cloud.query(self.sites)[0] for cloud in clouds])  # (cloud, site) to the nearest point
-        self._places = [self._tree.query(cloud.data) for cloud in clouds]  # of each point, distance from the nearest site, and its number
+        low, high = (edge([edge(cloud.points, axis=0) for cloud in clouds], axis=0) for edge in (np.min, np.max))
+        self.sites = Cloud(np.stack(np.meshgrid(*np.linspace(low, high, SITES).T), axis=-1).reshape(-1, 3))
+        self._gaps = np.stack([_apart(cloud, self.sites)[0] for cloud in clouds])  # (cloud, site) to the nearest point
+        # of each cloud's points, the distance from the nearest site, and its number; and the first of each cloud
+        self._near, self._site = (np.concatenate(parts) for parts in zip(*(_apart(self.sites, cloud) for cloud in clouds), strict=True))
+        self._counts = np.array([len(cloud.points) for cloud in clouds])
 
-    def bounds(self, query: "scipy.spatial.cKDTree", *, both: bool) -> Array:  # (cloud,)
+    def bounds(self, query: Cloud, *, both: bool) -> Array:  # (cloud,)
         """Compute lower bounds of a query's distances, see `nearest_cloud`, by the triangle inequality over the nearest sites."""
-        apart, site = self._tree.query(query.data)
+        apart, site = _apart(self.sites, query)
         bounds = np.square(np.maximum(self._gaps[:, site] - apart, 0.0)).mean(axis=1)
         if both:
-            gaps = query.query(self.sites)[0]
-            bounds += [np.square(np.maximum(gaps[site] - apart, 0.0)).mean() for apart, site in self._places]
+            gaps = _apart(query, self.sites)[0]
+            squares = np.square(np.maximum(gaps[self._site] - self._near, 0.0))
+            bounds += np.add.reduceat(squares, np.cumsum(self._counts) - self._counts) / self._counts
         return np.asarray(bounds * ROUNDING)
 
 
+def _apart(cloud: Cloud, query: Cloud) -> tuple[Array, Integers]:
+    """Find the distance from each point of a query to the nearest of a cloud's, and its number."""
+    squared, nearest = cloud.nearest(query)
+    return np.sqrt(squared), nearest
+
+
 def nearest_cloud(
-    query: "scipy.spatial.cKDTree",
+    query: Cloud,
     searched: SearchedClouds,  # in the query's frame
     *,
     both: bool,  # the Chamfer distance, or the mean squared distance from the query's points alone
@@ -51,17 +58,17 @@ def nearest_cloud(
         if bounds[number] >= nearest[0]:
             break
         cloud = searched.clouds[number]
-        distance = mean_squared_distance(cloud, query.data) + (mean_squared_distance(query, cloud.data) if both else 0.0)
+        distance = mean_squared_distance(cloud, query) + (mean_squared_distance(query, cloud) if both else 0.0)
         nearest = min(nearest, (distance, number))
     return None if nearest[1] < 0 else nearest
 
 
-def chamfer_matrix(clouds: "Sequence[scipy.spatial.cKDTree]", advance: Callable[[], None] = lambda: None) -> Array:  # (A, A)
+def chamfer_matrix(clouds: Sequence[Cloud], advance: Callable[[], None] = lambda: None) -> Array:  # (A, A)
     """Compute the Chamfer distance of each pair of clouds, in their unit squared; `advance` is called after each row."""
     matrix = np.zeros((len(clouds), len(clouds)))
     for row, cloud in enumerate(clouds):
         for column, other in enumerate(clouds[:row]):
-            distance = mean_squared_distance(other, cloud.data) + mean_squared_distance(cloud, other.data)
+            distance = mean_squared_distance(other, cloud) + mean_squared_distance(cloud, other)
             matrix[row, column] = matrix[column, row] = distance
         advance()
     return matrix

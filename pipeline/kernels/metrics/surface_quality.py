@@ -4,7 +4,6 @@ Vertices are (V, 3) float64, finite, m; faces (F, 3) integers, F at least 1.
 """
 
 import numpy as np
-import scipy
 import trimesh
 
 from pipeline.errors import InvalidInput
@@ -13,6 +12,7 @@ from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products
 from pipeline.kernels.geometry.mesh_cleaning import group_by_position
 from pipeline.kernels.geometry.signed_distance import inside_test
+from pipeline.kernels.metrics.cloud_distances import CloudDistances
 
 
 def surface_area(vertices: Array, faces: Integers) -> float:
@@ -35,17 +35,13 @@ def seam_gaps(vertices: Array, position: Integers) -> Array:  # (S,) m
     return np.array([np.linalg.norm(group[:, None] - group, axis=2).max() for group in shared])
 
 
-def normal_consistency(points: Array, normals: Array, other_points: Array, other_normals: Array) -> float:
-    """Compute how well the unit normals (N, 3) of two surfaces agree: 1 where they are parallel everywhere, 0.5 by chance.
+def normal_consistency(normals: Array, true_normals: Array, distances: CloudDistances) -> float:
+    """Compute how well the unit normals (N, 3) at the points of two clouds agree: 1 where they are parallel everywhere, 0.5 by chance.
 
-    It is the mean absolute cosine between the normal of each point (N, 3) and that of the other surface's nearest, both ways.
+    It is the mean absolute cosine between the normal at each point and that at the other cloud's nearest, both ways.
     """
-    return (_agreement(points, normals, other_points, other_normals) + _agreement(other_points, other_normals, points, normals)) / 2
-
-
-def _agreement(points: Array, normals: Array, others: Array, other_normals: Array) -> float:
-    nearest = scipy.spatial.cKDTree(others).query(points)[1]
-    return float(np.abs((normals * other_normals[nearest]).sum(axis=1)).mean())
+    pairs = ((normals, true_normals[distances.nearest_true]), (true_normals, normals[distances.nearest_predicted]))
+    return sum(float(np.abs((ours * nearest).sum(axis=1)).mean()) for ours, nearest in pairs) / 2
 
 
 def crossing_faces(

@@ -7,6 +7,7 @@ import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -126,6 +127,7 @@ def _touch_centres(charts: VisionCharts, side: int, count: int) -> NDArray[np.in
     return len(charts.vertices) + side**2 * np.arange(count) + side**2 // 2
 
 
+@lru_cache(maxsize=32)  # the counts of touch charts of a dataset's items
 def _item_adjacency(charts: VisionCharts, side: int, count: int, *, mutual: bool) -> "scipy.sparse.csr_array":  # (n, n)
     """Make an item's matrix: 1 where vertices are neighbours, with `mutual` also centres of touch and vision charts."""
     square, square_faces = chart_square(side)

@@ -4,6 +4,7 @@ A gel is elastic, or has a membrane that the contact pulls in, less with distanc
 """
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -76,6 +77,16 @@ def pressed_pixels(depth: np.ndarray, sensor: Sensor) -> Mask:  # (..., rows, co
     """Find the pixels that touch: 0 < D < w - `CONTACT_MARGIN`, the rule of `touch_success`."""
     judged = depth.astype(np.float32).astype(np.float64)
     return np.asarray((judged > 0) & (judged < gel_surface(sensor) - CONTACT_MARGIN))
+
+
+def beyond_ranges(
+    indentation: np.ndarray,  # (..., S) m, of the deepest point in each gel
+    sensors: Sequence[Sensor],  # S
+) -> tuple[Mask, Mask]:  # (..., S) each
+    """Find touches that are deeper than the gel's layer, and than the deepest contact that the sensor's colours were fitted to."""
+    layers = np.array([sensor.layer_thickness for sensor in sensors])
+    fitted = np.array([sensor.calibrated.deepest if sensor.calibrated else np.inf for sensor in sensors])
+    return indentation > layers, indentation > fitted
 
 
 def local_points(

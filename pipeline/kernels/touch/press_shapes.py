@@ -1,25 +1,30 @@
 """Shapes that are pressed into a gel without a hand: random ones to train on, patches of objects, and any relief at a given depth.
 
-A relief is an array of heights along the sensor's -z, from an object towards the gel; -inf where the object has no surface.
+A relief is an array of heights along the sensor's -z, from an object towards the gel; -inf where the object has no surface. A sensor that
+moves over an object meets a relief per step; a press is a path of one step.
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import partial
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Floats
-from pipeline.kernels.geometry.transforms import length, pose_of, sin_cos, unit_vectors
+from pipeline.kernels.geometry.transforms import compose, length, pose_of, sin_cos, unit_vectors
 from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.ray_depth import BoxedFaces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
 WALLS = (3.0, 30.0)  # height over length of a solid's walls: nearly upright, so that they fall within a few pixels
-ATTEMPTS = 20  # presses that are drawn before a sensor counts as one that none of them fits
+ATTEMPTS = 20  # presses or slides that are drawn before a sensor counts as one that none of them fits
 TILTED = 0.3  # share of the presses whose shape does not lie flat on the gel
+AT_REST = np.eye(4)[None]  # the path of a press
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,7 @@ class PressRanges:
     size: tuple[float, float] = (0.0015, 0.008)  # radius of a shape, m
     depth: tuple[float, float] = (0.0001, 0.0012)  # of the deepest point in the gel, m
     tilt: float = math.radians(8)  # greatest angle by which a shape is tilted, rad
+    scale: tuple[float, float] = (0.04, 0.5)  # of an object, of its own size: from whole toys to plain walls
 
 
 class Press(NamedTuple):
@@ -38,12 +44,33 @@ class Press(NamedTuple):
     depth: Array  # (rows, cols) D, m, +inf where nothing is met
 
 
+class Relief(NamedTuple):
+    """A random shape, or a patch of an object, as a sensor meets it at each step of a path."""
+
+    shape: str  # its name
+    heights: Array  # (steps, rows, cols) towards the gel, m
+    poses: Array  # (steps, 4, 4) sensor frame to that of the shape, or of the scaled object, where the sensor plane has height 0, m
+    scale: float  # of the object
+    depth: float  # to which it is pressed, m
+
+
 def press_relief(
     relief: Array,  # (rows, cols) heights towards the gel, m; -inf where there is no surface
     sensor: Sensor,
     depth: float,  # of the deepest point in the gel, m, less than the gel's thickness there
 ) -> Array:  # (rows, cols) D from the sensor plane, m; +inf where nothing is met within the sensor's range
     """Press a relief into a gel; a constant added to the relief changes nothing."""
+    return lower_sensor(relief, sensor, depth, least=0.0)[0]
+
+
+def lower_sensor(
+    relief: Array,  # as in `press_relief`
+    sensor: Sensor,
+    depth: float,
+    *,
+    least: float = -np.inf,  # depth, m; one below 0 is the distance of the gel from the object
+) -> tuple[Array, float]:  # (rows, cols) as of `press_relief`; how far the sensor moves along its z, m
+    """Move a sensor towards a relief until the deepest point is at a depth."""
     if relief.shape != sensor.shape:
         raise ValueError(f"relief has shape {relief.shape}; sensor {sensor.name!r} has {sensor.shape} (rows, cols)")
     if not (relief < np.inf).all():
@@ -53,10 +80,10 @@ def press_relief(
     if above[deepest] == -np.inf:
         raise InvalidInput("the relief has no surface: all its heights are -inf")
     thickness = float(np.broadcast_to(gel_surface(sensor), sensor.shape)[deepest])
-    if not 0 < depth < thickness:
+    if not least < depth < thickness:
         raise InvalidInput(f"depth is {depth} m; a press into sensor {sensor.name!r} is more than 0 and less than the gel, {thickness} m")
     distance = gel_surface(sensor) - (above - above[deepest] + depth)
-    return np.where(distance > sensor.range, np.inf, np.maximum(distance, 0.0))
+    return np.where(distance > sensor.range, np.inf, np.maximum(distance, 0.0)), float(depth - above[deepest])
 
 
 def random_press(
@@ -74,22 +101,48 @@ def random_press(
     >>> press = random_press(sensor, np.random.default_rng(0))
     >>> image = tactile_image(press.depth, sensor)
     """
-    ranges, names = ranges or PressRanges(), tuple(map(known_shape, shapes or SHAPES))
-    x, y = np.meshgrid(*pixel_centres(sensor))
+    names, limits = tuple(map(known_shape, shapes or SHAPES)), ranges or PressRanges()
+    return first_that_fits(press_drawn, partial(draw_shape, shapes=names), sensor, rng, limits)
+
+
+def first_that_fits(draw: Callable[..., T], *arguments: object) -> T:
+    """Draw something that is pressed until the sensor can be pressed so, up to `ATTEMPTS` times."""
     for _ in range(ATTEMPTS):
-        name = names[int(rng.integers(len(names)))]
-        depth, size = rng.uniform(*ranges.depth), draw_mostly_small(ranges.size, rng)
-        middle = rng.uniform(-0.5, 0.5, 2) * (sensor.width, sensor.height)
-        turn, towards = draw_direction(rng), draw_direction(rng)
-        slope = rng.uniform(0, math.tan(ranges.tilt)) if rng.random() < TILTED else 0.0
-        across, along = x - middle[0], y - middle[1]
-        u, v = turn[1] * across + turn[0] * along, turn[1] * along - turn[0] * across
-        relief = SHAPES[name](u, v, ShapeDraw(size, depth, rng)) + slope * (towards[1] * u + towards[0] * v)
         try:
-            return Press(name, press_relief(relief, sensor, depth))
-        except InvalidInput as error:  # at the rim: between the pixels, or where the gel is thin
+            return draw(*arguments)
+        except InvalidInput as error:  # at the rim or on a thin part: between the pixels, or where the gel is thin
             refused = error
-    raise InvalidInput(f"none of {ATTEMPTS} shapes that were drawn can be pressed: {refused}; draw larger ones, and press less deep")
+    raise InvalidInput(
+        f"none of {ATTEMPTS} shapes or patches that were drawn can be pressed: {refused}; draw larger ones, and press less deep"
+    )
+
+
+def press_drawn(draw: Callable[..., Relief], sensor: Sensor, rng: np.random.Generator, ranges: PressRanges) -> Press:
+    """Press what `draw_shape` or `draw_patch` draws, to its depth."""
+    relief = draw(sensor, rng, ranges)
+    return Press(relief.shape, press_relief(relief.heights[0], sensor, relief.depth))
+
+
+def draw_shape(
+    sensor: Sensor,
+    rng: np.random.Generator,
+    ranges: PressRanges,
+    path: Array = AT_REST,  # (steps, 4, 4) sensor frame to that before the path, turned about its axis and shifted in its plane, m
+    *,
+    shapes: Sequence[str],  # names from `SHAPES`
+) -> Relief:
+    """Draw a shape, as `random_press` says."""
+    name = shapes[int(rng.integers(len(shapes)))]
+    depth, size = rng.uniform(*ranges.depth), draw_mostly_small(ranges.size, rng)
+    middle = rng.uniform(-0.5, 0.5, 2) * (sensor.width, sensor.height)
+    turn, towards = draw_direction(rng), draw_direction(rng)
+    slope = rng.uniform(0, math.tan(ranges.tilt)) if rng.random() < TILTED else 0.0
+    x, y = np.meshgrid(*pixel_centres(sensor))
+    motion = path[..., None, None]
+    across, along = (motion[:, k, 0] * x + motion[:, k, 1] * y + motion[:, k, 3] - middle[k] for k in (0, 1))
+    u, v = turn[1] * across + turn[0] * along, turn[1] * along - turn[0] * across
+    heights = SHAPES[name](u, v, ShapeDraw(size, depth, rng)) + slope * (towards[1] * u + towards[0] * v)
+    return Relief(name, heights, path, 1.0, depth)
 
 
 def known_shape(name: str) -> str:
@@ -208,30 +261,26 @@ SHAPES: Mapping[str, Callable[[Array, Array, ShapeDraw], Array]] = {
 """The shapes of random presses by name: each makes a relief (rows, cols), m, from the positions of pixels in its own frame, m."""
 
 
-def random_patch(
+def draw_patch(
     faces: BoxedFaces,
     points: Floats,  # (N, 3) of the object's surface, frame of the faces, m
     normals: Floats,  # (N, 3) outward unit normals there
     sensor: Sensor,
     rng: np.random.Generator,
-    *,
-    ranges: PressRanges,  # of depth and tilt
-    scale: tuple[float, float],  # least and greatest size of the pressed object, of its own size
-) -> Press:
-    """Draw a press, of shape "patch", of a patch of an object, made smaller so that more of it fits on the gel."""
+    ranges: PressRanges,  # of depth, tilt and scale
+    path: Array = AT_REST,  # as in `draw_shape`
+) -> Relief:
+    """Draw a patch of an object, of shape "patch", made smaller so that more of it fits on the gel."""
     low, high = (faces.centre - faces.half).min(axis=1), (faces.centre + faces.half).max(axis=1)
     distance = float(length(high - low))  # from a point of the object, as far as no part of it is
-    for _ in range(ATTEMPTS):
-        size = draw_mostly_small(scale, rng)
-        sides = {"width": sensor.width / size, "given_height": sensor.height / size, "range": 2 * distance}
-        pose = _facing(points, normals, distance, ranges.tilt, rng)
-        distances = ray_depth(faces, pose, sensor.model_copy(update=sides))
-        depth = rng.uniform(*ranges.depth)
-        try:
-            return Press("patch", press_relief(-size * distances, sensor, depth))
-        except InvalidInput as error:  # rays pass thin parts between two pixels, or the gel is thin there
-            refused = error
-    raise InvalidInput(f"none of {ATTEMPTS} patches that were drawn can be pressed: {refused}")
+    size = draw_mostly_small(ranges.scale, rng)
+    sides = {"width": sensor.width / size, "given_height": sensor.height / size, "range": 2 * distance}
+    enlarged, facing = sensor.model_copy(update=sides), _facing(points, normals, distance, ranges.tilt, rng)
+    scaled = np.ones((4, 4))  # what the entries of a pose are multiplied by for the scaled object
+    scaled[:3, 3] = size
+    poses = compose(facing, path / scaled)
+    heights = np.stack([-size * ray_depth(faces, pose, enlarged) for pose in poses])
+    return Relief("patch", heights, poses * scaled, size, rng.uniform(*ranges.depth))
 
 
 def _facing(points: Floats, normals: Floats, distance: float, tilt: float, rng: np.random.Generator) -> Array:

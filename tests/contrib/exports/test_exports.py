@@ -88,7 +88,7 @@ def test_webdataset_shards_hold_every_grasp_unchanged(data, tmp_path):
 def test_frames_have_forces_pressures_and_what_held_with_their_units(elastic):
     frames, rows = GraspFrames(elastic), ObjectRows(elastic, ["force", "pressure", "held"], split=None)
     assert (frames.columns[f"force.{FINGERS[0]}"].unit, frames.columns[f"pressure.{FINGERS[3]}"].unit) == ("N", "Pa")
-    for _, of_object in frames.objects():
+    for _, of_object in frames.episodes():
         for grasp, frame in enumerate(of_object):
             force, pressure, held = (rows.read(name, frame["object_id"], grasp) for name in ("force", "pressure", "held"))
             assert [frame[f"force.{finger}"] for finger in FINGERS] == force.tolist()

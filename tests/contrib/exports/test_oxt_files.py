@@ -9,6 +9,8 @@ import pytest
 import zarr
 
 from pipeline.contrib.exports.functional_areas import joint_slots, tactile_areas
+from pipeline.contrib.exports.grasp_frames import distinct_names
+from pipeline.contrib.exports.oxt_files import _slug
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
@@ -65,6 +67,12 @@ def test_objects_of_a_category_are_episodes_of_one_store(tmp_path: Path) -> None
     images = ObjectRows(tmp_path / "data", ["tactile_image"], split=None)
     expected = np.concatenate([images.read("tactile_image", name) for name in ("a", "c")])
     np.testing.assert_array_equal(root["data/right_tactile_data_image_gel_16mm"][:], expected)
+
+
+def test_categories_and_sensors_that_are_written_alike_are_numbered() -> None:
+    """Without numbers, a store would hold two tasks, and a tactile group twice as many frames."""
+    names = ["Coffee mug", "coffee-mug", "coffee_mug_2", "杯", "瓶"]
+    assert [*distinct_names(names, _slug).values()] == ["coffee_mug", "coffee_mug_2", "coffee_mug_2_2", "other", "other_2"]
 
 
 def test_forces_are_not_invented_where_no_gel_is_elastic(data: Path, tmp_path: Path) -> None:  # noqa: F811

@@ -8,15 +8,14 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.kernels.metrics.cloud_distances import (
     cloud_distances,
-    nearest_squared,
     ring_indices,
     ring_means,
     sampled_area,
     sampling_distance,
     sampling_floor,
     sampling_share,
-    search_tree,
 )
+from pipeline.kernels.metrics.nearest_points import Cloud
 
 
 def sphere(radius, count, rng):
@@ -33,13 +32,23 @@ def test_chamfer_of_parallel_planes_is_twice_their_squared_distance():
     assert cloud_distances(grid, grid + [0, 0, 0.3]).chamfer == pytest.approx(2 * 0.3**2)
 
 
-def test_distances_of_a_search_tree_are_the_least_of_all_pairs():
+@pytest.mark.parametrize("counts", [(300, 400), (1, 33), (64, 1)])
+@pytest.mark.parametrize("offset", [0.0, 5.0])
+def test_distances_are_the_least_of_all_pairs(counts, offset):
     rng = np.random.default_rng(2)
-    predicted, truth = sphere(1.0, 300, rng), sphere(1.1, 400, rng)
+    predicted, truth = sphere(1.0, counts[0], rng), sphere(1.1, counts[1], rng) + offset
     pairs = np.square(predicted[:, None] - truth).sum(axis=2)
-    for distances in (cloud_distances(predicted, truth), cloud_distances(predicted, search_tree(truth))):
+    for distances in (cloud_distances(predicted, truth), cloud_distances(predicted, Cloud(truth))):
         np.testing.assert_array_equal(distances.predicted, pairs.min(axis=1))
         np.testing.assert_array_equal(distances.truth, pairs.min(axis=0))
+        np.testing.assert_array_equal(distances.nearest_true, pairs.argmin(axis=1))
+        np.testing.assert_array_equal(distances.nearest_predicted, pairs.argmin(axis=0))
+
+
+def test_points_of_which_many_are_equal_have_exact_distances():
+    truth = np.repeat([[0.0, 0, 0], [1, 2, 2]], 100, axis=0)
+    assert cloud_distances(np.array([[1.0, 2, 4]] * 40), truth).predicted.tolist() == [4.0] * 40
+    assert cloud_distances(truth, truth).chamfer == 0
 
 
 def test_the_mean_distance_is_in_metres_and_the_mean_of_both_directions():
@@ -100,7 +109,6 @@ def test_precision_counts_predicted_points_and_recall_true_ones():
 def test_invalid_clouds_are_rejected(bad, named):
     good = np.zeros((1, 3))
     for function, clouds in (
-        (nearest_squared, (bad, good)),
         (cloud_distances, (bad, good)),
         (cloud_distances, (good, bad)),
         (sampled_area, (bad,)),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.kernels.metrics.cloud_distances import search_tree
+from pipeline.kernels.metrics.nearest_points import Cloud
 from pipeline.kernels.metrics.retrieval import SearchedClouds, chamfer_matrix, nearest_cloud, silhouette_overlap
 from tests.references.all_pairs import chamfer_to_all, squared_distance_to_all
 
@@ -23,31 +23,31 @@ def shapes(count: int, seed: int) -> list[np.ndarray]:
 
 
 def test_chamfer_matrix_of_points_on_a_line():
-    found = chamfer_matrix([search_tree(line(0)), search_tree(line(1, 3)), search_tree(line(1))])
+    found = chamfer_matrix([Cloud(line(0)), Cloud(line(1, 3)), Cloud(line(1))])
     assert found.tolist() == [[0, (1 + 9) / 2 + 1, 2], [(1 + 9) / 2 + 1, 0, (0 + 4) / 2], [2, (0 + 4) / 2, 0]]
 
 
 @pytest.mark.parametrize("both", [True, False])
 def test_nearest_cloud_equals_that_of_exhaustive_search(both):
     clouds, queries = shapes(16, 0), shapes(4, 1)
-    searched = SearchedClouds([search_tree(cloud) for cloud in clouds])
+    searched = SearchedClouds([Cloud(cloud) for cloud in clouds])
     for cloud in (*queries, clouds[5]):
         every = chamfer_to_all(cloud, clouds) if both else squared_distance_to_all(cloud, clouds)
-        value, number = nearest_cloud(search_tree(cloud), searched, both=both) or (np.nan, -1)
+        value, number = nearest_cloud(Cloud(cloud), searched, both=both) or (np.nan, -1)
         assert number == int(np.argmin(every))
         assert value == pytest.approx(min(every), rel=1e-9, abs=1e-18)
-        assert nearest_cloud(search_tree(cloud), searched, both=both, below=value) is None
+        assert nearest_cloud(Cloud(cloud), searched, both=both, below=value) is None
 
 
 def test_first_of_equal_clouds_is_the_nearest():
     cloud, other = shapes(2, 2)
-    searched = SearchedClouds([search_tree(one) for one in (other, other + 0.01, cloud, cloud)])
-    assert nearest_cloud(search_tree(cloud), searched, both=True) == (0.0, 2)
+    searched = SearchedClouds([Cloud(one) for one in (other, other + 0.01, cloud, cloud)])
+    assert nearest_cloud(Cloud(cloud), searched, both=True) == (0.0, 2)
 
 
 def test_bounds_of_sites_are_below_the_distances_and_near_those_of_far_clouds():
     clouds, query = [cloud + [0.4 * number, 0, 0] for number, cloud in enumerate(shapes(6, 3))], shapes(1, 4)[0]
-    bounds = SearchedClouds([search_tree(cloud) for cloud in clouds]).bounds(search_tree(query), both=True)
+    bounds = SearchedClouds([Cloud(cloud) for cloud in clouds]).bounds(Cloud(query), both=True)
     distances = np.array(chamfer_to_all(query, clouds))
     assert (bounds <= distances).all()
     assert (bounds[2:] > 0.5 * distances[2:]).all()

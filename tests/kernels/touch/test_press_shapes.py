@@ -1,12 +1,15 @@
 """Shapes pressed without a hand: their depths are those drawn, a ball is a ball, and a patch of a mesh is that mesh, smaller."""
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.depth_maps import gel_surface, impression
-from pipeline.kernels.touch.press_shapes import SHAPES, PressRanges, press_relief, random_patch, random_press
+from pipeline.kernels.touch.press_shapes import SHAPES, PressRanges, draw_patch, first_that_fits, press_drawn, press_relief, random_press
 from pipeline.kernels.touch.ray_depth import box_faces
 from pipeline.kernels.touch.sensor import pixel_centres, resample
 from pipeline.kernels.touch.tactile_image import untouched_image
@@ -54,7 +57,7 @@ def test_a_patch_of_a_ball_is_a_smaller_ball():
     normals = rng.normal(size=(50, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     for _ in range(10):
-        press = random_patch(faces, 0.1 * normals, normals, GELSIGHT, rng, ranges=RANGES, scale=(0.1, 0.1))
+        press = press_drawn(partial(draw_patch, faces, 0.1 * normals, normals), GELSIGHT, rng, replace(RANGES, scale=(0.1, 0.1)))
         assert press.shape == "patch"
         pressed = impression(press.depth, GELSIGHT)
         row, col = np.nonzero(np.isfinite(press.depth))
@@ -88,6 +91,7 @@ def test_a_photographed_background_is_resized_with_the_pixels():
 
 
 EMPTY, FLAT = np.full((60, 80), -np.inf), np.zeros((60, 80))
+FLAT_ON = PressRanges(tilt=0.0, scale=(0.1, 0.1))
 EDGE_ON = box_faces(sheet(0.0, 0.1)), np.zeros((1, 3)), np.array([[1.0, 0, 0]])
 
 
@@ -102,7 +106,7 @@ EDGE_ON = box_faces(sheet(0.0, 0.1)), np.zeros((1, 3)), np.array([[1.0, 0, 0]])
         (lambda rng: press_relief(np.full((60, 80), np.nan), GELSIGHT, 1e-3), "NaN"),
         (lambda rng: random_press(GELSIGHT, rng, shapes=["bal"]), "'bal'"),
         (lambda rng: random_press(GELSIGHT, rng, PressRanges(size=(1e-6, 1e-6)), ["ball"]), "20 shapes"),
-        (lambda rng: random_patch(*EDGE_ON, GELSIGHT, rng, ranges=PressRanges(tilt=0.0), scale=(0.1, 0.1)), "20 patches"),
+        (lambda rng: first_that_fits(press_drawn, partial(draw_patch, *EDGE_ON), GELSIGHT, rng, FLAT_ON), "20 shapes or patches"),
     ],
 )
 def test_shapes_that_cannot_be_pressed_are_rejected(press, named, rng):

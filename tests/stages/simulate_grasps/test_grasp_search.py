@@ -1,14 +1,19 @@
 """Attempts at grasps: sound by independent checks, and reproducible."""
 
 import multiprocessing
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 
+from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.hand.gel_balance import gel_load
 from pipeline.kernels.hand.grasp import Contact, Grasp
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
+from pipeline.kernels.touch.depth_maps import impression
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.physics.simulation import Simulation
 from stages.simulate_grasps.grasp_search import GraspSearch
 from stages.simulate_grasps.measured_grasps import Attempt
@@ -133,3 +138,25 @@ def test_best_grasps_hold_then_have_most_touches_area_or_closure_then_are_earlie
             kept = search.keep_best(kept, item)
         assert list(map(id, kept)) == list(map(id, best)), prefer
         assert search.keep_best(kept, held)[0] is held
+
+
+def test_fingers_close_on_elastic_gels_up_to_the_motors_torque_and_on_others_as_planned(prepared: PreparedHand) -> None:
+    hand, mini, mesh, nudge = prepared.hand, load_sensor("gelsight_mini"), mug(), 1e-5
+    worn = replace(prepared, sensors=(mini,) * 4)
+    faces, torques = box_faces(mesh.triangles), []
+    with Simulation(hand) as physics:
+        physics.load(mesh)
+        for number in range(2):
+            soft, made = attempt(prepared, physics, mesh, number), attempt(worn, physics, mesh, number)
+            if not (soft and made):
+                continue
+            assert not np.array_equal(soft.grasp.joint_angles, made.grasp.joint_angles)
+            nudged = sensor_poses(hand, made.grasp.hand_pose, made.grasp.joint_angles + nudge * np.eye(16))
+            for s, (pose, touched) in enumerate(zip(made.grasp.sensor_pose, made.grasp.touched, strict=True)):
+                if touched:
+                    pressed = impression(ray_depth(faces, pose, mini), mini)
+                    force, centre = gel_load(pressed, mini)
+                    arms = ((nudged[:, s] - pose) @ np.append(centre, 1))[:, :3] @ pose[:3, 2] / nudge
+                    torques.append(force * np.abs(arms).max())
+                    assert pressed.max() < 0.91 * mini.layer_thickness
+    assert max(torques) == pytest.approx(hand.torque, rel=0.06)

@@ -118,6 +118,7 @@ def test_elastic_gel_stores_pressure_and_force(tmp_path: Path) -> None:
         assert row[name].dtype == STAGE.output.arrays[name].dtype
     pixel = np.prod(SENSOR.pitch)
     np.testing.assert_allclose(row["force"], row["pressure"].sum(axis=(-2, -1)) * pixel, rtol=1e-5)
+    np.testing.assert_allclose(row["indentation"], np.maximum(SENSOR.w - row["depth"].min(axis=(-2, -1)), 0), atol=1e-9)
     assert row["force"][0, 0] > row["force"][0, 1] > 0  # 1 mm and 3 mm from a ball under 6.8 mm of gel
     assert (row["force"][1] > 0).tolist() == [True, False, False]
     touched = row["pressure"] > 0
