@@ -27,7 +27,8 @@ from pipeline.models.touch_model import LocalTouchModel, load_touch_model, save_
 from pipeline.rng import numpy_rng
 from pipeline.store.atomic import write_atomically
 from pipeline.store.record import named_location
-from stages.train_touch import Presses, SimulatedPress, TouchTrainingSettings, train_local_network
+from pipeline.training.presses import Presses, SimulatedPress
+from stages.train_touch import TouchTrainingSettings, train_local_network
 
 ZARR = "touches.zarr"
 MODEL_SUFFIX = "-touch"

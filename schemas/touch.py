@@ -1,6 +1,7 @@
 """Schema of `touch`, from `simulate-touch`: depth maps and tactile images of every sensor of every grasp."""
 
 from schemas.base import Array, Artifact, coordinates
+from schemas.sequences import over_time
 
 TOUCH = Artifact(
     name="touch",
@@ -45,5 +46,31 @@ TOUCH = Artifact(
             optional=True,
         ),
         "local_count": Array("object grasp sensor", "int32", "1", "How many of `local_points` there are.", optional=True),
+        **over_time("lift", "object grasp sensor step"),
+        "lift_object_pose": Array(
+            "object grasp step pose_row pose_column",
+            "float64",
+            "m",
+            "The object in the world, from where it was grasped; in the first step it is there.",
+            optional=True,
+        ),
+        "lift_weight": Array(
+            "object grasp step", "float32", "N", "How much of its weight is on the gels, along the world's -z.", optional=True
+        ),
+        "lift_imbalance": Array(
+            "object grasp step",
+            "float32",
+            "N",
+            "Sum of that weight and of the gels' forces on the object: what holds it before it is freed, then what accelerates it; "
+            "it vanishes where the object rests.",
+            optional=True,
+        ),
+        "lift_held": Array(
+            "object grasp step",
+            "bool",
+            "1",
+            "False from the step in which no gel touches the object, or it moves over one by more than its thickness: then it is gone.",
+            optional=True,
+        ),
     },
 )

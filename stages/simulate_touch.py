@@ -1,28 +1,37 @@
 """`simulate-touch`: every sensor's depth map, and the tactile image and local points that follow from it (supplement 1.5)."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.config.settings import ObjectSettings, described_by, setting
 from pipeline.console import pluralise
+from pipeline.dataset.grasps import grasping_hand
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import paired_rows, sensors_of
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Trade, Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files
-from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.elastic_contact import check_layer
+from pipeline.kernels.touch.lift import freed_object, lift_object
+from pipeline.kernels.touch.sensor import Friction, Sensor
+from pipeline.kernels.touch.sliding import CHOSEN, Quantity, known_friction, measure_steps, stored_quantities
 from pipeline.store.directory import DataDirectory
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
+from schemas.sequences import ALWAYS
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
+
+AT_REST = 0.02  # share of the weight within which the gels' forces carry an object that rests
 
 if TYPE_CHECKING:
     from pipeline.kernels.touch.ray_depth import BoxedFaces
@@ -55,6 +64,25 @@ class TouchSettings(ObjectSettings):
         18, "depth beyond the gel, which no tactile image shows: error at most 2 µm, a fifth fewer bytes", ge=10, le=40
     )
     store_points: bool = setting(False, "local points follow from depth and pose bit for bit, and would be three quarters of the bytes")
+    sequence: Literal["lift"] | None = setting(
+        None,
+        "lift: how the gels, which must be elastic, carry the object that each grasp lifts: shear, slip and forces over time, 5 s per "
+        "grasp; null: none is computed",
+        changes="definition",
+    )
+    lift_steps: int = setting(
+        32, "an eighth until the object is free, then its weight grows on the gels until half are over", ge=8, le=1000, changes="definition"
+    )
+    lift_rate: float = setting(32.0, "steps per second: the lift takes the second of the hold test", gt=0, le=1000, changes="definition")
+    lift_mass: float | None = setting(None, "kg of any object; null: simulate-grasps.hold_mass", gt=0, le=1000, changes="definition")
+    lift_friction: Friction | None = setting(
+        None, "coefficient of gel and object; null: the sensor's, or the hand's where a sensor's file has none", changes="definition"
+    )
+    lift_store: tuple[Quantity, ...] | None = setting(
+        ("tactile_image", "shear", "slip_share", "gross_slip", "force", "torque"),
+        f"what is computed and stored of each step beside {', '.join(ALWAYS)}, from {', '.join(CHOSEN)}; null: all but traction, and "
+        "marker_displacement where the sensors have markers",
+    )
 
 
 class SimulateTouch(ObjectStage):
@@ -73,13 +101,25 @@ class SimulateTouch(ObjectStage):
 
     def resolve_settings(self, settings: TouchSettings, attributes: Mapping[str, Mapping[str, Any]]) -> TouchSettings:
         """Choose the sensors that were mounted on the hand."""
-        return settings.model_copy(update={"sensors": settings.sensors or tuple(attributes["grasps"]["hand"]["sensor_files"])})
+        sensors = settings.sensors or tuple(attributes["grasps"]["hand"]["sensor_files"])
+        updates: dict[str, Any] = {"sensors": sensors}
+        if settings.sequence is not None:
+            updates["lift_mass"] = settings.lift_mass or attributes["grasps"]["settings"]["hold_mass"]
+            gels = [sensor.gel for sensor in load_worn_sensors(sensors)]
+            if settings.lift_friction is None and any(gel is not None and gel.friction is None for gel in gels):
+                updates["lift_friction"] = grasping_hand(attributes).friction
+        return settings.model_copy(update=updates)
 
     def check_inputs(self, settings: TouchSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
         """Check that the sensors to simulate are those of the hand, and fit together."""
         hand, sensors = attributes["grasps"]["hand"], list(settings.sensors or ())
         mounted = hand["sensor_files"]
-        load_worn_sensors(sensors)
+        worn = load_worn_sensors(sensors)
+        if settings.sequence is not None:
+            for sensor in worn:
+                known_friction(sensor, settings.lift_friction)
+                check_layer(sensor)
+            stored_quantities(settings.lift_store, worn)
         same_fingers = list(map(mounted.index, mounted)) == list(map(sensors.index, sensors))
         if same_fingers and hand["sensor_digest"] == assets_digest(self.assets(settings)):  # even if the files were moved
             return
@@ -112,9 +152,14 @@ class SimulateTouch(ObjectStage):
         for deeper, what in zip(beyond_ranges(indentation, sensors_of(shard)), ranges, strict=True):
             if deeper.any():
                 yield f"{deeper.sum()} of {touches} are up to {1e3 * indentation[deeper].max():.2f} mm deep, beyond the gel's {what}"
+        if settings.sequence is not None:
+            yield from _describe_lifts(shard)
 
     def cost(self, settings: TouchSettings) -> Cost:
-        return Cost(seconds=0.03 if settings.tracer == "ray" else 0.7, kilobytes=1600 if settings.store_points else 600)
+        """Estimate five grasps of four sensors."""
+        lift = 0.0 if settings.sequence is None else settings.lift_steps / 32
+        seconds, kilobytes = 0.03 if settings.tracer == "ray" else 0.7, 1600 if settings.store_points else 600
+        return Cost(seconds=seconds + 20 * lift, kilobytes=kilobytes + 20_000 * lift)
 
     @contextmanager
     def session(self, settings: TouchSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
@@ -129,9 +174,25 @@ class SimulateTouch(ObjectStage):
             for grasp, finger in np.ndindex(poses.shape[:2]):
                 rng = None if sensors[finger].noise == "none" else unit.rng("simulate-touch", grasp, finger)
                 rows.append(_touch(faces, poses[grasp, finger], sensors[finger], settings, rng))
-            return {name: np.stack([row[name] for row in rows]).reshape(*poses.shape[:2], *array.shape) for name, array in rows[0].items()}
+            row = {name: np.stack([row[name] for row in rows]).reshape(*poses.shape[:2], *array.shape) for name, array in rows[0].items()}
+            if settings.sequence is not None:
+                lifts = [_lift(faces, inputs["surfaces"]["points"], *lifted, sensors, settings, unit) for lifted in enumerate(poses)]
+                row |= {name: np.stack([lift[name] for lift in lifts]) for name in lifts[0]}
+            return row
 
         yield process
+
+
+def _describe_lifts(shard: Shard) -> Iterator[str]:
+    """Count the lifts at whose end the object rests on the gels, or has slipped out, and the steps that did not settle."""
+    held, weight, imbalance, settled = (shard.read(f"lift_{name}")[shard.read("ok")] for name in ("held", "weight", "imbalance", "settled"))
+    rest = held[..., -1] & (imbalance[..., -1] <= AT_REST * weight[..., -1])
+    yield (
+        f"{rest.sum()} of {pluralise(rest.size, 'lift')} end at rest, gels and weight balanced to {100 * AT_REST:g} %; in "
+        f"{(~held[..., -1]).sum()} the object slips out"
+    )
+    if not settled.all():
+        yield f"{(~settled).sum()} of {pluralise(settled.size, 'step')} did not settle (lift_settled): do not rely on their shear"
 
 
 def _touch(
@@ -142,15 +203,10 @@ def _touch(
     rng: np.random.Generator | None,
 ) -> Row:
     """Compute one sensor's arrays; tactile image and local points follow from the depth as it is stored."""
-    from pipeline.kernels.touch.depth_maps import impression, local_points, normal_force, press_gel, quantise_depth
-    from pipeline.kernels.touch.ray_depth import ray_depth, sphere_traced_depth
+    from pipeline.kernels.touch.depth_maps import impression, local_points, normal_force, press_gel
     from pipeline.kernels.touch.tactile_image import render_gel
 
-    if settings.tracer == "ray":
-        exact = ray_depth(faces, pose, sensor)
-    else:
-        exact = sphere_traced_depth(faces, pose, sensor, tolerance=settings.sphere_tolerance)
-    depth = quantise_depth(exact, sensor, gel_bits=settings.gel_bits, far_bits=settings.far_bits)
+    depth = _depth(faces, settings, pose, sensor)
     gel = press_gel(depth, sensor)
     row: Row = {"depth": depth, "tactile_image": render_gel(gel.indentation, sensor, rng)}
     if gel.pressure is not None:
@@ -160,6 +216,49 @@ def _touch(
         points, count = local_points(depth, pose, sensor)
         row |= {"local_points": points, "local_count": np.asarray(count)}
     return row
+
+
+def _depth(
+    faces: "BoxedFaces",
+    settings: TouchSettings,
+    pose: np.ndarray,  # (4, 4) sensor frame to that of the faces, m
+    sensor: Sensor,
+) -> NDArray[np.float32]:  # (rows, cols) m
+    """Trace a depth map, and round it as it is stored."""
+    from pipeline.kernels.touch.depth_maps import quantise_depth
+    from pipeline.kernels.touch.ray_depth import ray_depth, sphere_traced_depth
+
+    if settings.tracer == "ray":
+        exact = ray_depth(faces, pose, sensor)
+    else:
+        exact = sphere_traced_depth(faces, pose, sensor, tolerance=settings.sphere_tolerance)
+    return quantise_depth(exact, sensor, gel_bits=settings.gel_bits, far_bits=settings.far_bits)
+
+
+def _lift(
+    faces: "BoxedFaces",
+    points: np.ndarray,  # (N, 3) of the object's surface, m
+    grasp: int,
+    poses: np.ndarray,  # (S, 4, 4) of the sensors in the grasp, to world, m
+    sensors: Sequence[Sensor],
+    settings: TouchSettings,
+    unit: Unit,
+) -> Row:
+    """Compute the lift of one grasp."""
+    body = freed_object(partial(_depth, faces, settings), points, settings.lift_mass or np.nan)
+    friction = [known_friction(sensor, settings.lift_friction) for sensor in sensors]
+    quantities = stored_quantities(settings.lift_store, sensors)
+    rngs = [None if sensor.noise == "none" else unit.rng("lift", grasp, finger) for finger, sensor in enumerate(sensors)]
+    touches, steps = [], []
+    for step in lift_object(body, list(poses), sensors, friction, steps=settings.lift_steps, rate=settings.lift_rate):
+        touches.append([measure_steps([touch], quantities, rng) for touch, rng in zip(step.touches, rngs, strict=True)])
+        steps.append(step._replace(touches=()))
+    by_sensor = list(zip(*touches, strict=True))
+    row = {f"lift_{name}": np.stack([np.concatenate([touch[name] for touch in of_one]) for of_one in by_sensor]) for name in quantities}
+    row["lift_settled"] &= [step.settled for step in steps]
+    row["lift_time"] = np.tile(np.arange(len(steps)) / settings.lift_rate, (len(sensors), 1)).astype(np.float32)
+    row |= {f"lift_{name}": np.array([getattr(step, name) for step in steps], np.float32) for name in ("weight", "imbalance")}
+    return row | {"lift_object_pose": np.stack([step.pose for step in steps]), "lift_held": np.array([step.held for step in steps])}
 
 
 def depth_errors(data: Path, reference: Path) -> dict[str, float]:

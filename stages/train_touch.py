@@ -1,28 +1,27 @@
-"""`train-touch`: a local network learns to read depth in photographs, from simulated presses."""
+"""`train-touch`: a local network learns to read depth in photographs, from simulated presses; from slides, motion and force too."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.config.settings import setting
-from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows, sensor_of
+from pipeline.dataset.object_rows import sensor_of
 from pipeline.engine.stage import Cost, DatasetJob
-from pipeline.kernels.touch.sensor import MM, Sensor
+from pipeline.kernels.touch.sensor import MM
 from pipeline.rng import seeded_weights
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import Location
 from pipeline.training.learner import Learner
+from pipeline.training.presses import Motion, Presses, SimulatedPress, stored_presses, stored_slides
 from pipeline.training.settings import Schedule, TrainingSettings
 from pipeline.training.training_stage import Training
 from schemas.base import Artifact
 from schemas.presses import PRESSES
+from schemas.slides import SLIDES
 from schemas.touch import TOUCH
 
 if TYPE_CHECKING:
@@ -30,9 +29,9 @@ if TYPE_CHECKING:
     from torch import Tensor, nn
 
     from pipeline.kernels.networks.local_network import LocalNetwork, LocalShape
+    from pipeline.kernels.networks.motion_network import GelMotion
 
 NAME = "train-touch"
-ARRAYS = ("press_image", "press_indentation", "press_contact", "press_untouched")  # arrays that are read of each object
 AT_CONTACT = 0.85  # share of the windows that lie about a contact; the others lie anywhere
 DRIFT_SIDE = 3  # points per side between which drift is interpolated: it is smooth
 
@@ -51,6 +50,12 @@ class TouchTrainingSettings(TrainingSettings):
         ge=1,
     )
     patience: Literal[None] = setting(None, "the last epoch is kept")
+    source: Literal["presses", "slides"] = setting(
+        "presses",
+        "slides: each step of those of simulate-slides teaches shear, slip and force, too; dots show the shear: give the sensor's file "
+        "`markers`",
+        changes="definition",
+    )
     width: int = setting(20, "features of the hidden layers: 5,000 parameters", ge=1, le=2**12)
     window: int = setting(64, "pixels per side of the part of a press that a step sees; it costs a sixth of whole images of 160", ge=16)
     image_gain: float = setting(
@@ -76,51 +81,24 @@ class TouchTrainingSettings(TrainingSettings):
     )
 
 
-class SimulatedPress(NamedTuple):
-    """A press."""
+class Moved(NamedTuple):
+    """Whole images of some steps of slides, and how the gel has moved."""
 
-    image: NDArray[np.uint8]  # (rows, cols, 3) tactile image
-    indentation: NDArray[np.float32]  # (rows, cols) m, of the gel
-    contact: NDArray[np.bool_]  # (rows, cols)
-
-
-@dataclass(frozen=True, eq=False)
-class Presses:
-    """Presses of one sensor."""
-
-    sensor: Sensor  # with their pixels
-    untouched: NDArray[np.uint8]  # (rows, cols, 3) the image without a press
-    names: Sequence[str]  # of the presses, in messages
-    read: Callable[[int], SimulatedPress]  # a press, by number
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-    def name(self, item: int) -> str:
-        """Name a press."""
-        return self.names[item]
-
-
-def stored_presses(data: Location, split: str, *, cache_megabytes: float = CACHE_MEGABYTES) -> Presses:
-    """Open the presses of a split of a data directory."""
-    rows = ObjectRows(data, ARRAYS, split, cache_megabytes=cache_megabytes)
-    names = [f"{object_id} press {press}" for object_id in rows.object_ids for press in range(rows.size("press_image", "press"))]
-    untouched = rows.read("press_untouched", rows.object_ids[0])
-    return Presses(sensor_of(rows.collections["presses"].first), untouched, names, partial(_read_press, rows))
-
-
-def _read_press(rows: ObjectRows, item: int) -> SimulatedPress:
-    number, press = divmod(item, rows.size("press_image", "press"))
-    return SimulatedPress(*(rows.read(array, rows.object_ids[number], press) for array in ARRAYS[:3]))
+    image: Tensor  # (B, 3, rows, cols) change of colours, levels
+    before: Tensor  # (B, 3, rows, cols) the same one step before
+    shear: Tensor  # (B, 2, h, w) mm, mean of a cell, true
+    slips: Tensor  # (B, h, w) share of a cell that slips, true
+    force: Tensor  # (B, 3) N, true
 
 
 class Windows(NamedTuple):
-    """Windows of some presses."""
+    """Windows of some presses, or steps of slides."""
 
     change: Tensor  # (B, 3, H, W) change of colours, levels
     position: Tensor  # (B, 2, H, W)
     depth: Tensor  # (B, H, W) mm, true
     contact: Tensor  # (B, H, W) bool, true
+    moved: Moved | None = None
 
 
 class PressLearner(Learner):
@@ -143,12 +121,36 @@ class PressLearner(Learner):
         press, position = presses.read(item), pixel_positions(*presses.sensor.shape)[0]
         change = torch.from_numpy(press.image.astype(np.float32) - presses.untouched).permute(2, 0, 1)
         depth, contact = torch.from_numpy(MM * press.indentation), torch.from_numpy(press.contact.copy())
+        if press.motion is not None:
+            return self._slide_window(presses, press, press.motion, Windows(change, position, depth, contact), generator)
         if generator is None:
             return Windows(change, position, depth, contact)
         rows, cols = self._draw_window(press.contact, generator)
         depth = depth[rows, cols]
         varied = vary_change(change[:, rows, cols], depth, self.settings, generator)
         return Windows(varied, position[:, rows, cols], depth, contact[rows, cols])
+
+    def _slide_window(
+        self, presses: Presses, press: SimulatedPress, motion: Motion, whole: Windows, generator: torch.Generator | None
+    ) -> Windows:
+        """Vary a step and the one before alike, but for noise; take a window for depth, and the whole for the motion."""
+        import torch
+
+        from pipeline.kernels.networks.motion_network import in_cells
+
+        before = torch.from_numpy(motion.before.astype(np.float32) - presses.untouched).permute(2, 0, 1)
+        shear = in_cells(torch.from_numpy(MM * motion.shear).permute(2, 0, 1))
+        slips = in_cells(torch.from_numpy(motion.slip.any(axis=-1).astype(np.float32))[None])[0]
+        force = torch.from_numpy(motion.force.copy())
+        if generator is None:
+            return whole._replace(moved=Moved(whole.change, before, shear, slips, force))
+        again = generator.clone_state()
+        change = vary_change(whole.change, whole.depth, self.settings, generator)
+        before = vary_change(before, whole.depth, self.settings, again)
+        before = before + self.settings.image_noise * torch.randn(before.shape, generator=generator, dtype=torch.float32)
+        rows, cols = self._draw_window(press.contact, generator)
+        window = (change[:, rows, cols], whole.position[:, rows, cols], whole.depth[rows, cols], whole.contact[rows, cols])
+        return Windows(*window, moved=Moved(change, before, shear, slips, force))
 
     def _draw_window(self, contact: np.ndarray, generator: torch.Generator) -> tuple[slice, ...]:
         """Draw a window's rows and columns, given the contact (rows, cols)."""
@@ -170,30 +172,41 @@ class PressLearner(Learner):
         return self._compare(network, batch, uncropped=False)[1]
 
     def validate(self, network: nn.Module) -> dict[str, float]:
-        """Compute the loss over the validation presses, and the mean depth error over all pixels, µm; neither chooses an epoch."""
-        loss = error = 0.0
+        """Compute the loss over the validation presses, and mean errors over all pixels, µm, and of forces, N; none chooses an epoch."""
+        loss, errors = 0.0, defaultdict[str, float](float)
         for items in self.validation_batches():
             windows = _stacked([self._window(self.valid, item, None) for item in items])
-            shape, mean = self._compare(network, windows, uncropped=True)
+            shape, mean, motion = self._compare(network, windows, uncropped=True)
             loss += len(items) * float(mean)
-            error += len(items) * float((shape.depth.cpu() - windows.depth).abs().mean())
-        return {"loss": loss / len(self.valid), "depth_error_um": 1e3 * error / len(self.valid)}
+            errors["depth_error_um"] += len(items) * 1e3 * float((shape.depth.cpu() - windows.depth).abs().mean())
+            if windows.moved is not None and motion is not None:
+                errors["shear_error_um"] += len(items) * 1e3 * float((motion.shear.cpu() - windows.moved.shear).abs().mean())
+                errors["force_error_n"] += len(items) * float((motion.force.cpu() - windows.moved.force).abs().mean())
+        return {name: total / len(self.valid) for name, total in {"loss": loss, **errors}.items()}
 
-    def _compare(self, network: nn.Module, windows: Windows, *, uncropped: bool) -> tuple[LocalShape, Tensor]:
+    def _compare(self, network: nn.Module, windows: Windows, *, uncropped: bool) -> tuple[LocalShape, Tensor, GelMotion | None]:
         """Read windows; whole presses as a sensor's photographs, parts of them with the true depth at their rims."""
-        from pipeline.kernels.networks.local_network import local_loss
+        from pipeline.kernels.networks.local_network import local_loss, pixel_positions
+        from pipeline.kernels.networks.motion_network import GelMotion, motion_loss
 
         parameter, sensor = next(network.parameters()), self.train.sensor
         pitch = (MM * sensor.pitch[0], MM * sensor.pitch[1])
         depth, contact = windows.depth.to(parameter), windows.contact.to(parameter.device)
         shape = network(windows.change.to(parameter), windows.position.to(parameter), pitch, None if uncropped else depth)
-        return shape, local_loss(shape, depth, contact, pitch)
+        loss, motion = local_loss(shape, depth, contact, pitch), None
+        if windows.moved is not None:
+            image, before, shear, slips, force = (part.to(parameter) for part in windows.moved)
+            motion = network.get_submodule("motion")(image, before, pixel_positions(*sensor.shape).to(parameter))
+            loss = loss + motion_loss(motion, GelMotion(shear, slips, force))
+        return shape, loss, motion
 
 
 def _stacked(windows: Sequence[Windows]) -> Windows:
     import torch
 
-    return Windows(*map(torch.stack, zip(*windows, strict=True)))
+    maps = [torch.stack(parts) for parts in zip(*(window[:4] for window in windows), strict=True)]
+    moved = [window.moved for window in windows if window.moved is not None]
+    return Windows(maps[0], maps[1], maps[2], maps[3], Moved(*map(torch.stack, zip(*moved, strict=True))) if moved else None)
 
 
 def train_local_network(
@@ -209,7 +222,7 @@ def train_local_network(
     from pipeline.training.loop import train
 
     with seeded_weights(seed, NAME):
-        network = LocalNetwork(settings.width)
+        network = LocalNetwork(settings.width, reads_motion=settings.source == "slides")
     facts = train(PressLearner(network, train_presses, valid, settings), settings, folder=folder, seed=seed, name=NAME)
     return network.eval(), facts
 
@@ -266,7 +279,9 @@ class TrainTouch(Training):
     settings_type = TouchTrainingSettings
 
     def inputs(self, settings: TouchTrainingSettings) -> tuple[Artifact, ...]:
-        return (PRESSES,) if settings.pretrained is None else (TOUCH,)
+        if settings.pretrained:
+            return (TOUCH,)
+        return (SLIDES if settings.source == "slides" else PRESSES,)
 
     def assets(self, settings: TouchTrainingSettings) -> list[Path]:
         """List the files of the pretrained networks, if one is taken."""
@@ -293,7 +308,8 @@ class TrainTouch(Training):
             model = shipped_touch_model(sensor_of(DataDirectory(job.data).collection(TOUCH).first), "cpu")
             save_touch_model(job.folder, model.network, sensor=model.sensor, untouched=model.untouched)
             return {"pretrained": model.sensor.name, "presses": {"train": 0, "valid": 0}}
-        presses, valid = (stored_presses(job.data, split, cache_megabytes=settings.cache_megabytes) for split in ("train", "valid"))
+        stored = stored_slides if settings.source == "slides" else stored_presses
+        presses, valid = (stored(job.data, split, cache_megabytes=settings.cache_megabytes) for split in ("train", "valid"))
         network, facts = train_local_network(presses, valid, settings, folder=job.folder, seed=job.seed)
         save_touch_model(job.folder, network, sensor=presses.sensor, untouched=presses.untouched)
         return facts | {"presses": {"train": len(presses), "valid": len(valid)}}

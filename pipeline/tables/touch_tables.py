@@ -141,23 +141,6 @@ def _percent_row(name: str, shares: Sequence[float] | NDArray[np.float64]) -> Ro
     return Row([name, *(f"{share:.1f}" for share in shares)])
 
 
-def gel_tables(touches: Touches) -> list[Table]:
-    """Tabulate how hard and how deep elastic gels are pressed, by class; none for gels that are not elastic."""
-    if not joined(touches.objects, "gels").size:
-        return []
-    columns: Columns = {
-        "touches": ("", lambda objects: len(joined(objects, "gels"))),
-        "N, median": (".2f", lambda objects: float(np.median(joined(objects, "gels")[:, 0]))),
-        "N, most": (".2f", lambda objects: joined(objects, "gels")[:, 0].max()),
-        "mm deep, median": (".2f", lambda objects: float(np.median(joined(objects, "gels")[:, 1]))),
-        "mm deep, most": (".2f", lambda objects: joined(objects, "gels")[:, 1].max()),
-        "% beyond the layer": (".1f", lambda objects: 100 * joined(objects, "gels")[:, 2].mean()),
-        "% beyond the calibration": (".1f", lambda objects: 100 * joined(objects, "gels")[:, 3].mean()),
-    }
-    groups = {name: objects for name, objects in touches.by_class.items() if joined(objects, "gels").size}
-    return [tabulate("Elastic gels", "class", {**groups, TOTAL: touches.objects}, columns)]
-
-
 def slide_tables(data: Location) -> list[Table]:
     """Count the steps of slides by class, those not settled and those in gross slip; no table if there are no slides."""
     if not (slides := DataDirectory(data).collection(SLIDES)).shards:
@@ -176,6 +159,23 @@ def slide_tables(data: Location) -> list[Table]:
     if "slide_gross_slip" in stored:
         columns["% of steps in gross slip"] = (".1f", lambda members: 100 * float(np.mean([one["slide_gross_slip"] for one in members])))
     return [tabulate("Slides", "class", groups, columns)]
+
+
+def gel_tables(touches: Touches) -> list[Table]:
+    """Tabulate how hard and how deep elastic gels are pressed, by class; none for gels that are not elastic."""
+    if not joined(touches.objects, "gels").size:
+        return []
+    columns: Columns = {
+        "touches": ("", lambda objects: len(joined(objects, "gels"))),
+        "N, median": (".2f", lambda objects: float(np.median(joined(objects, "gels")[:, 0]))),
+        "N, most": (".2f", lambda objects: joined(objects, "gels")[:, 0].max()),
+        "mm deep, median": (".2f", lambda objects: float(np.median(joined(objects, "gels")[:, 1]))),
+        "mm deep, most": (".2f", lambda objects: joined(objects, "gels")[:, 1].max()),
+        "% beyond the layer": (".1f", lambda objects: 100 * joined(objects, "gels")[:, 2].mean()),
+        "% beyond the calibration": (".1f", lambda objects: 100 * joined(objects, "gels")[:, 3].mean()),
+    }
+    groups = {name: objects for name, objects in touches.by_class.items() if joined(objects, "gels").size}
+    return [tabulate("Elastic gels", "class", {**groups, TOTAL: touches.objects}, columns)]
 
 
 def hold_tables(touches: Touches) -> list[Table]:

@@ -87,6 +87,18 @@ def solve_3x3(matrix: Array, target: Array) -> Array:
     return solution
 
 
+def solve_linear(matrix: Array, target: Array) -> Array:  # (N,)
+    """Solve `matrix` (N, N) x = `target` (N,) by elimination with pivots."""
+    rows = np.column_stack([matrix, target])
+    for k in range(len(rows)):
+        pivot = k + int(np.abs(rows[k:, k]).argmax())
+        rows[[k, pivot]] = rows[[pivot, k]]
+        rows[k] /= rows[k, k]
+        others = np.arange(len(rows)) != k
+        rows[others] -= rows[others, k : k + 1] * rows[k]
+    return np.asarray(rows[:, -1])
+
+
 def length(vectors: ArrayLike) -> Array:
     """Compute the Euclidean lengths (...) of vectors (..., N); `np.linalg.norm` without an axis would call BLAS."""
     return np.asarray(np.linalg.norm(vectors, axis=-1))

@@ -12,6 +12,7 @@ from pipeline.kernels.geometry.transforms import (
     rotation_from_euler,
     sin_cos,
     solve_3x3,
+    solve_linear,
     transform_points,
 )
 
@@ -62,6 +63,12 @@ def test_sines_cosines_and_lengths_equal_numpys_to_rounding(rng: np.random.Gener
     np.testing.assert_allclose([sin, cos], [np.sin(angles), np.cos(angles)], atol=3e-16)
     assert sin.dtype == cos.dtype == np.float64
     np.testing.assert_allclose(length(angles), np.sqrt((angles**2).sum(axis=-1)), rtol=1e-15)
+
+
+def test_solve_linear_solves_where_rows_must_change_places(rng: np.random.Generator) -> None:
+    matrix, solution = rng.normal(size=(6, 6)), rng.normal(size=6)
+    matrix[0, 0] = matrix[3, 3] = 0
+    np.testing.assert_allclose(solve_linear(matrix, matrix @ solution), solution, atol=1e-12)
 
 
 def test_solve_3x3_solves(rng: np.random.Generator) -> None:

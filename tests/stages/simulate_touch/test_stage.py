@@ -28,7 +28,7 @@ CENTRE = np.array([0.0, 0.0, 0.6])
 def inputs(poses: np.ndarray) -> dict[str, Any]:
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.05)
     mesh = Mesh.bare(np.asarray(ball.vertices) + CENTRE, np.asarray(ball.faces))
-    return {"surfaces": mesh_row(mesh), "grasps": {"sensor_pose": poses}}
+    return {"surfaces": mesh_row(mesh) | {"points": mesh.vertices}, "grasps": {"sensor_pose": poses}}
 
 
 def six_poses() -> np.ndarray:
@@ -127,6 +127,61 @@ def test_elastic_gel_stores_pressure_and_force(tmp_path: Path) -> None:
     alike = run(TouchSettings(sensors=(elastic(tmp_path, 2e5),) * 3), six_poses())
     np.testing.assert_allclose(alike["force"][0, 0], 2 * row["force"][0, 0], rtol=1e-5)
     assert (alike["tactile_image"] == row["tactile_image"]).all()  # how stiff it is changes no shape
+
+
+def coarse_elastic(folder: Path) -> str:
+    path = folder / "coarse.yaml"
+    text = Path(elastic(folder, 1e5)).read_text()
+    path.write_text(text.replace("rows: 100", "rows: 20").replace("cols: 100", "cols: 20"))
+    return str(path)
+
+
+def test_lift_is_computed_on_request(tmp_path: Path) -> None:
+    """Two gels at the ball's sides: the arrays are as declared, carry its weight in the end, and leave the others as they are."""
+    worn = (coarse_elastic(tmp_path),) * 2
+    poses = np.stack([pose_at(CENTRE + [0.05 * side, 0, 0], np.array([-side, 0, 0]), 0.005) for side in (1, -1)])[None]
+    lift = TouchSettings(sensors=worn, sequence="lift", lift_steps=16, lift_mass=0.05, lift_friction=0.8, lift_store=None)
+    row, still = run(lift, poses), run(TouchSettings(sensors=worn), poses)
+    added = set(row) - set(still)
+    assert all((row[name] == still[name]).all() for name in still)
+    declared = {name: array for name, array in STAGE.output.arrays.items() if name.startswith("lift_")}
+    assert added == set(declared) - {"lift_traction", "lift_marker_displacement"}
+    sizes = SIZES | {"row": 20, "col": 20, "grasp": 1, "sensor": 2, "step": 16, "xy": 2, "pose_row": 4, "pose_column": 4}
+    for name in added:
+        assert row[name].shape == tuple(sizes[d] for d in declared[name].dims if d != "object"), name
+        assert row[name].dtype == declared[name].dtype, name
+    assert (row["lift_depth"][0, :, 0] == row["depth"][0]).all()
+    assert (row["lift_tactile_image"][0, :, 0] == row["tactile_image"][0]).all()
+    np.testing.assert_allclose(-row["lift_force"][0, :, 0, 2], row["force"][0], rtol=1e-6)
+    carried = -sum(pose[:3, :3] @ force for pose, force in zip(poses[0], row["lift_force"][0, :, -1], strict=True))
+    np.testing.assert_allclose(carried, [0, 0, 0.05 * 9.81], atol=0.02 * 0.05 * 9.81)
+    assert row["lift_held"].all()
+    assert row["lift_settled"].all()
+
+
+def test_lift_takes_mass_and_friction_from_the_grasps(tmp_path: Path) -> None:
+    soft = coarse_elastic(tmp_path)
+    grasps = {"hand": {"sensor_files": [soft] * 4}, "settings": {"hold_mass": 0.3, "hand": "allegro_right"}}
+    resolved = STAGE.resolve_settings(TouchSettings(sequence="lift"), {"grasps": grasps})
+    assert (resolved.lift_mass, resolved.lift_friction) == (0.3, 0.5)
+    known = Path(soft).read_text().replace("gel: {", "gel: {friction: 0.9, ")
+    (tmp_path / "known.yaml").write_text(known)
+    worn = TouchSettings(sequence="lift", sensors=(str(tmp_path / "known.yaml"),) * 4, lift_mass=1.0)
+    resolved = STAGE.resolve_settings(worn, {"grasps": grasps})
+    assert (resolved.lift_mass, resolved.lift_friction) == (1.0, None)
+
+
+@pytest.mark.parametrize(
+    ("worn", "store", "words"),
+    [
+        (WORN, None, "gel_16mm has no elastic gel"),
+        (("gelsight",), ("marker_displacement",), "gelsight has none; add `markers"),
+    ],
+)
+def test_lift_that_cannot_be_computed_is_refused(worn, store, words: str) -> None:
+    settings = TouchSettings(sensors=worn, sequence="lift", lift_friction=0.5, lift_store=store)
+    with pytest.raises(InvalidInput, match=words):
+        STAGE.check_inputs(settings, {"grasps": {"hand": {"sensor_files": list(worn), "sensor_digest": "0"}}})
 
 
 def test_sensors_other_than_those_of_the_hand_are_refused(tmp_path: Path) -> None:
