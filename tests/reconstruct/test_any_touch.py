@@ -191,7 +191,7 @@ def test_touches_that_contradict_themselves_are_errors(entry, words):
         (
             {"tactile_image": np.zeros((*SENSOR.shape, 3), np.uint8), "sensor": SENSOR.model_copy(update={"w": 0.004})},
             "implicit-any",
-            "the pretrained network for digit was trained for another sensor than the given digit: w differ",
+            "the pretrained network for digit was trained for another sensor than the given digit: gel, w differ",
         ),
     ],
 )

@@ -6,7 +6,7 @@ import re
 import pytest
 
 from pipeline.errors import StoreError
-from pipeline.models.shipped_weights import SHIPPED, read_card
+from pipeline.models.shipped_weights import SHIPPED, Error, read_card
 from pipeline.reconstruct.network_error import error_note
 from pipeline.reconstruct.predict import PredictOptions
 from pipeline.store.directory import DataDirectory
@@ -67,3 +67,31 @@ def test_note_of_a_shipped_network_shows_the_error_of_its_card():
     errors = read_card("implicit-any").errors["implicit-any-touch"]["all"]
     note = error_note(PredictOptions(SHIPPED, "implicit-any-touch").reader())
     assert f"implicit-any-touch: {1e3 * math.sqrt(errors.mean / 9000 / 2):.0f} mm" in note
+
+
+def test_error_is_that_of_test_objects_about_as_large(data):
+    """Balls in the test split have diagonals of 0.42 and 0.48 m."""
+    spheres.run_stage(data, "evaluate", spheres.objects(3, SPLITS), "points=500", "configurations=[none]")
+    reader = PredictOptions(data / "models", "none").reader()
+    assert "2 test objects of 0.42 to 0.48 m" in error_note(reader, 0.45)
+    assert "1 test object of 0.42 m" in error_note(reader, 0.35)
+    far = error_note(reader, 0.12)
+    assert "none: not measured on objects of 0.12 m; " in far
+    assert "2 test objects of 0.42 to 0.48 m" in far
+
+
+def test_card_gives_the_error_of_the_size_class_of_an_object():
+    card = read_card("implicit-any")
+    sized = Error(objects=7, mean=50, median=40, mm=4.25, diagonals=(0.1, 0.19))
+    row = "implicit-any-touch"
+    with_sizes = card.model_copy(update={"errors": {row: card.errors[row] | {"0.1 to 0.2 m": sized}}})
+    assert with_sizes.error_of(row, 0.12) is sized
+    assert with_sizes.error_of(row, 0.5) is card.errors[row]["all"]
+    assert with_sizes.error_of(row, 0.03) is None
+    assert card.error_of("another", None) is None
+
+
+def test_note_of_a_shipped_network_says_that_it_was_not_measured_at_a_hands_size():
+    note = error_note(PredictOptions(SHIPPED, "implicit-any-touch").reader(), 0.12)
+    assert note.startswith("implicit-any-touch: not measured on objects of 0.12 m; ")
+    assert "objects of 0.5 m that it has not seen" in note

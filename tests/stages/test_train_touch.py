@@ -13,10 +13,13 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.networks.local_network import LocalNetwork, pixel_positions
 from pipeline.kernels.touch.depth_maps import scaled_gel
 from pipeline.kernels.touch.sensor import Gel, resample
-from pipeline.models.touch_model import LocalTouchModel, load_touch_model
+from pipeline.kernels.touch.tactile_image import untouched_image
+from pipeline.models.touch_model import LocalTouchModel, load_touch_model, shipped_touch_model
 from pipeline.real_touch import random_presses, save_sensor_network
+from pipeline.store.directory import DataDirectory
 from pipeline.training.presses import Presses
 from stages.train_touch import PressLearner, TouchTrainingSettings, train_local_network, vary_change
+from tests.stages import ball_dataset as spheres
 
 SENSOR = resample(load_sensor("gelsight"), 36, 48).model_copy(update={"membrane": 0.0, "gel": Gel(modulus=1e5)})
 SETTINGS: dict[str, Any] = {"epochs": 20, "batch_size": 8, "window": 24, "width": 8, "learning_rate": 1e-2}
@@ -163,3 +166,16 @@ def test_depth_is_read_against_the_current_untouched_photograph(trained: tuple[L
     darker = replace(model, untouched=model.untouched // 2)
     press = random_presses(SENSOR, 1, 9, gel=(1.0, 1.0)).read(0)
     np.testing.assert_array_equal(darker.read(press.image[None], model.untouched).indentation, model.read(press.image[None]).indentation)
+
+
+def test_the_pretrained_network_of_the_datasets_sensor_is_taken_without_presses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    spheres.make_data(tmp_path / "data", 2, ("train", "valid"))
+    objects, stated = spheres.objects(2, ("train", "valid")), "train-touch.pretrained=shipped"
+    with pytest.raises(InvalidInput, match="no pretrained network reads photographs of sensor gel_16mm"):
+        spheres.run_stage(tmp_path / "data", "train-touch", objects, stated)
+    save_sensor_network(LocalTouchModel(LocalNetwork(4), spheres.SENSOR, untouched_image(spheres.SENSOR)), tmp_path / "shipped")
+    monkeypatch.setattr("pipeline.models.touch_model.shipped_sensor_network", lambda name: tmp_path / "shipped")
+    spheres.run_stage(tmp_path / "data", "train-touch", objects, stated)
+    shipped_touch_model.cache_clear()
+    made, shipped = (tmp_path / "shipped", DataDirectory(tmp_path / "data").verified_folder("models/touch"))
+    assert (made / "model.safetensors").read_bytes() == (shipped / "model.safetensors").read_bytes()
