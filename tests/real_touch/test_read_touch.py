@@ -23,6 +23,7 @@ from pipeline.formats.image_file import GEL_STEP, read_depth, read_image
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.networks.local_network import LocalNetwork
 from pipeline.kernels.networks.unet import UNet
+from pipeline.kernels.touch.markers import MarkerGrid, draw_dots
 from pipeline.kernels.touch.sensor import resample
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.models.shipped_weights import shipped_sensor_network
@@ -171,6 +172,26 @@ def test_photographs_whose_pixels_are_not_square_are_read(folder: Path, tmp_path
     assert reading.sensor.pitch == pytest.approx((SENSOR.height / 32, SENSOR.width / COLS))
     with pytest.raises(InvalidInput, match="crop them to what the sensor file describes"):
         TouchReader(tmp_path / "my_gel.yaml", UNTOUCHED)
+
+
+def test_dots_that_move_on_the_gel_are_filled_in(folder: Path) -> None:
+    fine = resample(SENSOR, 4 * ROWS, 4 * COLS)
+    markers = MarkerGrid(rows=6, cols=8, radius=5 * fine.pitch[1], colour=(5, 5, 5))
+    untouched = untouched_image(fine)
+    y, x = np.mgrid[-1:1:144j, -1:1:192j] * 0.007
+    pressed = tactile_image(np.where(np.hypot(x, y) < 0.003, fine.w - 0.001, np.inf), fine)
+
+    def printed(image: NDArray[np.uint8], pixels: float) -> NDArray[np.uint8]:
+        moved = np.full((*fine.shape, 2), pixels * fine.pitch[1])
+        draw_dots(dotted := image.copy(), moved, fine.pitch, markers.positions(fine.width, fine.height), markers.radius, markers.colour)
+        return dotted
+
+    plain = TouchReader(folder / "my_gel.yaml", untouched).read(pressed)
+    reader = TouchReader(folder / "my_gel.yaml", printed(untouched, 0))
+    filled = reader.read(printed(pressed, 4)).indentation
+    dotted = reader.model.read(printed(pressed, 4)[None], printed(untouched, 0)).indentation[0]
+    errors = [float(np.abs(read - plain.indentation).mean()) for read in (filled, dotted)]
+    assert errors[0] < 0.25 * errors[1]
 
 
 def test_photographs_with_negative_strides_are_read(reader: TouchReader) -> None:
