@@ -2,7 +2,7 @@
 
 `python -m benchmarks.marker_photographs FOLDER`: the folder `marker_calib/data` of github.com/Rancho-zhao/FOTS, of which `0.png` and
 `1.png` are used; the others are copies. Fitted are how far the ball was pushed, and a uniform offset of all dots, both along x and y.
-`--model` names the folder of a network that `train-touch.source=slides` trained for such a gel; of what it reads, nothing but the offset is fitted.
+`--model` names the folder of a network that `train-touch.source=slides` trained for such a gel; only the offset is fitted.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from pipeline.kernels.touch.depth_maps import press_gel
 from pipeline.kernels.touch.friction import drag_gel, gel_at_rest, surface_displacement
 from pipeline.kernels.touch.markers import dot_displacement
 from pipeline.kernels.touch.sensor import Gel, Sensor, pixel_centres
-from pipeline.models.touch_model import load_touch_model
+from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 
 PIXELS_PER_METRE = 19.58e3
 BALL, MIDDLE = 0.003, (145, 121)
@@ -116,7 +116,9 @@ def network_errors(
     model: Path, photographs: list[np.ndarray], dots: np.ndarray, moved: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:  # (N, 2) px; (2,) px
     """Read the motion of the dots from the first photograph to the second, which a network takes for untouched and touched."""
-    read = load_touch_model(model, "cpu").read_motion(np.stack(photographs), untouched=photographs[0])
+    network = load_touch_model(model, "cpu")
+    assert isinstance(network, LocalTouchModel)
+    read = network.read_motion(np.stack(photographs), untouched=photographs[0])
     pixel = (1 / PIXELS_PER_METRE, 1 / PIXELS_PER_METRE)
     positions = (dots + 0.5 - (160, 120)) / PIXELS_PER_METRE
     errors = PIXELS_PER_METRE * dot_displacement(positions, read.shear[1].astype(np.float64), pixel) - moved
