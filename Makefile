@@ -13,7 +13,8 @@
 #   CONFIGURATIONS="none touch occluded occluded-touch unoccluded unoccluded-touch"
 #                     graph networks to train and evaluate; images or touches that none of them uses are not made;
 #                     implicit-touch, implicit-occluded, implicit-occluded-touch, implicit-unoccluded, implicit-unoccluded-touch too;
-#                     implicit-any takes any of this; implicit-any-touch and its like are single rows of it
+#                     implicit-any takes any of this; implicit-any-touch and its like are single rows of it;
+#                     implicit-gels too, with touches of any sensor in place of touch charts
 #   SEEDS=0           trainings of each network, and evaluations of them: SEEDS="0 1 2" shows what is chance
 #   REAL=...          folder of clones of public repositories with photographs, for bench-touch and test-sensors: see docs/real-touch.md
 #   LONG=1            for reproduce: a night on 2 cores
@@ -128,14 +129,15 @@ fit-charts.%: train-unet
 TRAINING  = $(call run,$(1)) --set $(call quoted,$(1).configuration=$(basename $*)) --set $(call quoted,$(1).training_seed=$(subst .,,$(suffix $*)))
 train-gcn.%: every-sample-surfaces $$(if $$(findstring occluded,$$*),every-render-vision) $$(if $$(findstring touch,$$*),every-fit-charts)
 	@$(call TRAINING,train-gcn)
-train-implicit.%: every-sample-surfaces every-sample-distances $$(if $$(findstring occluded,$$*)$$(findstring -any,$$*),every-render-vision) \
-                 $$(if $$(findstring touch,$$*)$$(findstring -any,$$*),every-fit-charts)
+train-implicit.%: every-sample-surfaces every-sample-distances \
+                 $$(if $$(findstring occluded,$$*)$$(findstring -any,$$*)$$(findstring -gels,$$*),every-render-vision) \
+                 $$(if $$(findstring touch,$$*)$$(findstring -any,$$*),every-fit-charts) $$(if $$(findstring -gels,$$*),every-simulate-touch)
 	@$(call TRAINING,train-implicit)
 
 FAMILIES  = implicit
 # networks called FAMILY-… are trained by train-FAMILY, all others by train-gcn
-# implicit-any-touch and its like are rows of the one network implicit-any
-NETWORKS  = $(foreach name,$(sort $(patsubst implicit-any-%,implicit-any,$(CONFIGURATIONS))),$(firstword $(foreach family,$(FAMILIES),$(if $(filter $(family)-%,$(name)),train-$(family).$(name))) train-gcn.$(name)))
+# implicit-any-touch and its like are rows of the one network implicit-any, those of implicit-gels too
+NETWORKS  = $(foreach name,$(sort $(patsubst implicit-gels-%,implicit-gels,$(patsubst implicit-any-%,implicit-any,$(CONFIGURATIONS)))),$(firstword $(foreach family,$(FAMILIES),$(if $(filter $(family)-%,$(name)),train-$(family).$(name))) train-gcn.$(name)))
 EVALUATED = evaluate.configurations=[$(subst $(space),$(comma),$(strip $(CONFIGURATIONS)))]
 train: $$(foreach seed,$$(SEEDS),$$(addsuffix .$$(seed),$$(NETWORKS)))  ## train these networks, and the U-Net for those that use touch
 evaluate.%: $$(addsuffix .$$*,$$(NETWORKS)) every-$(GRASPS)

@@ -23,6 +23,7 @@ from pipeline.kernels.touch.sensor import Sensor
 
 GELSLAM = Path("gelslam/src/gelslam/resources/example_calibration")
 """Folder of the photographs below REAL, in a clone of github.com/rpl-cmu/gelslam."""
+MINI_MM_PER_PIXEL = 0.0634
 LARGEST = 4.0
 """Largest radius tried, as a multiple of the true one."""
 
@@ -54,7 +55,7 @@ def mini_balls(real: Path, diameter: str) -> BallSet:
     """Read photographs of balls in a GelSight Mini, with detected contacts; `diameter` is in mm, as in the folder's name."""
     folder, untouched_path = real / GELSLAM / f"{diameter}mm", real / GELSLAM / "background.png"
     try:
-        photographs, untouched, left_out = read_photographs(folder, untouched_path)
+        photographs, untouched, left_out = read_photographs(folder, untouched_path, float(diameter) / 2 / MINI_MM_PER_PIXEL)
     except InvalidInput as error:
         raise SystemExit(f"{error}: clone https://github.com/rpl-cmu/gelslam into {real}") from error
     return BallSet(photographs, untouched, float(diameter) / 2e3, len(photographs) + len(left_out))

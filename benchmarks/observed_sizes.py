@@ -24,7 +24,7 @@ from pipeline.reconstruct.predict import PredictOptions, reconstruct
 
 POINTS = 10_000
 """Points drawn from a reconstruction."""
-PLACE = "middle of the object by its depth, mm"
+PLACE, SIZE = "middle of the object by its depth, mm", "diagonal of the object by its depth, error in %"
 
 
 def observations(folder: Path) -> dict[str, Path]:
@@ -50,6 +50,7 @@ def measure(data: Path) -> Table:
             box = check(Path(folder) / "rgbd.yaml", target).box
             middle = transform_points(BASE, np.array([POSITION]))[0]
             errors[PLACE].append(1e3 * scale * float(np.linalg.norm(box.centre - middle)))
+            errors[SIZE].append(100 * abs((box.diagonal or 0) * scale / DIAGONAL - 1))
             for given, path in observations(Path(folder)).items():
                 mesh = reconstruct(path).closed
                 assert mesh is not None

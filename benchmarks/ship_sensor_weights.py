@@ -20,7 +20,7 @@ from pipeline.entries import Entries
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.depth_maps import press_gel
 from pipeline.kernels.touch.press_shapes import press_relief
-from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
+from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres, resample_longer_side
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.models.shipped_weights import CARD, SENSORS, SHIPPED, TrainedOn
 from pipeline.models.touch_model import LocalTouchModel
@@ -31,14 +31,13 @@ from stages.train_touch import TouchTrainingSettings
 FITTED_TO = {
     "gelsight": "the even ones of 48 photographs in the package taxim 1.4.1 (MIT licence, copyright 2021 CMURoboTouch)",
     "gelsight_mini": "44 photographs in the repository rpl-cmu/gelslam, which states no licence for them",
+    "digit": None,
 }
-"""The shipped sensors with networks, and what their sensor files were fitted to."""
+"""The shipped sensors with networks, and what their sensor files were fitted to; None for nothing, a guess."""
 HELD_OUT = {"gelsight": "the odd ones in taxim 1.4.1", "gelsight_mini": "23 in rpl-cmu/gelslam"}
 """Photographs on which errors are measured."""
-TRAINED_ON = (
-    "simulated presses of random shapes into the sensor file {}.yaml, and no photograph; the numbers of that file were fitted to {}, "
-    "none of which ships"
-)
+TRAINED_ON = "simulated presses of random shapes into the sensor file {}.yaml, and no photograph; its numbers were fitted to {}"
+NO_PHOTOGRAPH = "nothing: its lamps are a guess, and photographs of a real one are not read well before it is calibrated"
 NOT_FOR = (
     "gels with markers, other sensors of the same make than those whose colours the file holds (calibrate your own), slopes and depths "
     "beyond what the file states, and any use in which a wrong depth does harm"
@@ -78,6 +77,11 @@ class SensorCard(Entries):
 def sensor_card_path(sensor: str, weights: Path = SHIPPED) -> Path:
     """Return the path of the card of a sensor's network."""
     return weights / SENSORS / CARD.format(sensor)
+
+
+def square_pixels(sensor: Sensor) -> Sensor:
+    """Give a sensor square pixels, which a DIGIT's are not: errors are measured in them."""
+    return resample_longer_side(sensor, max(sensor.shape))
 
 
 def simulated_balls(sensor: Sensor, count: int) -> list[Press]:
@@ -127,17 +131,22 @@ def ship(
     settings: TouchTrainingSettings | None = None,
 ) -> SensorCard:
     """Train the network of a shipped sensor, and write it with its card; `presses` and `settings` as `train_sensor_network` takes them."""
-    sources, sensor = commit(), load_sensor(name)
+    sources, sensor, fitted_to = commit(), square_pixels(load_sensor(name)), FITTED_TO[name]
     scale = MM * sensor.pitch[1]
     model, _ = train_sensor_network(sensor, presses=presses, settings=settings)
     errors = {SIMULATED: errors_of(model, simulated_balls(sensor, BALLS), untouched_image(sensor), scale)}
-    if real is not None:
+    if real is not None and fitted_to is not None:
         description, balls, untouched = photographed_balls(name, real, scale)
         errors[description] = errors_of(model, balls, untouched, scale)
     card = SensorCard(
         sensor=name,
         presses=presses,
-        trained_on=(TrainedOn(source=TRAINED_ON.format(name, FITTED_TO[name]), licence="MIT (made by this project)"),),
+        trained_on=(
+            TrainedOn(
+                source=TRAINED_ON.format(name, NO_PHOTOGRAPH if fitted_to is None else f"{fitted_to}, none of which ships"),
+                licence="MIT (made by this project)",
+            ),
+        ),
         commit=sources,
         command="make sensor-weights" + " REAL=FOLDER" * (real is not None),
         errors=errors,

@@ -3,6 +3,7 @@
 import shlex
 import shutil
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from benchmarks.provenance import commit
 from pipeline.config.manifest import load_manifest
 from pipeline.console import errors as progress
 from pipeline.errors import StageError
+from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.models.families import model_name
 from pipeline.models.shipped_weights import DEFAULT, SENSORS, SHIPPED, Error, ModelCard, TrainedOn, card_path
@@ -26,6 +28,7 @@ NOT_FOR = (
     "other kinds of objects than it was trained on, objects much larger or smaller than those, other sensors, and any use in which "
     "a wrong surface does harm: parts that were neither seen nor felt are guesses"
 )
+SIZES = (0.03, 0.1, 0.2, 0.4, 0.8)  # m: between two of them lie the diagonals of a size class
 MAX_BYTES = 5e6
 """Size limit of all shipped weights."""
 
@@ -80,14 +83,22 @@ def check_size(weights: Path) -> None:
 
 def _errors(evaluation: Path, network: str) -> dict[str, dict[str, Error]]:
     """Read mean and median Chamfer distances, of the network by what it was given and of looked-up training objects, by class."""
-    figures, categories = read_figures(evaluation), np.array(read_table(evaluation, "objects")["category"])
+    figures, objects = read_figures(evaluation), read_table(evaluation, "objects")
+    categories, diagonals = np.array(objects["category"]), np.array(objects["diagonal"])
     classes = {str(name): categories == name for name in np.unique(categories)} | {"all": np.full(len(categories), True)}
+    sizes = {f"{low:g} to {high:g} m": (low <= diagonals) & (diagonals < high) for low, high in pairwise(SIZES)}
+    classes |= {name: mask for name, mask in sizes.items() if mask.any()}
     errors = {}
     for row, measured in figures.items():
-        chamfer = TABLE_3_FACTOR * measured.per_object("chamfer")
+        chamfer = TABLE_3_FACTOR * measured.per_object("chamfer") * (DIAGONAL / diagonals) ** 2
+        distance = 1e3 * measured.per_object("mean_distance")
         errors[row.replace(SHIPPED_ROWS, f"{network}-")] = {
             name: Error(
-                objects=int(mask.sum()), mean=round(float(chamfer[mask].mean()), 4), median=round(float(np.median(chamfer[mask])), 4)
+                objects=int(mask.sum()),
+                mean=round(float(chamfer[mask].mean()), 4),
+                median=round(float(np.median(chamfer[mask])), 4),
+                mm=round(float(distance[mask].mean()), 3),
+                diagonals=(round(float(diagonals[mask].min()), 3), round(float(diagonals[mask].max()), 3)),
             )
             for name, mask in classes.items()
         }

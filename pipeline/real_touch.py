@@ -2,7 +2,7 @@
 
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
-from pipeline.formats.image_file import SUFFIXES, encode_image, image_files
+from pipeline.formats.image_file import GEL_STEP, SUFFIXES, encode_image, image_files
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.depth_maps import gel_surface, press_gel, scaled_gel
+from pipeline.kernels.touch.marker_removal import MarkerRemoval
 from pipeline.kernels.touch.photograph_faults import photograph_faults, rim_change, stop_at, untouched_faults
-from pipeline.kernels.touch.press_shapes import random_press
-from pipeline.kernels.touch.sensor import Sensor, masked_points, resample, resample_longer_side, sensor_differences
+from pipeline.kernels.touch.press_shapes import PressRanges, random_press
+from pipeline.kernels.touch.sensor import Sensor, masked_points, resample, resample_longer_side
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.models.model_files import DESCRIPTION
 from pipeline.models.shipped_weights import shipped_sensor_network
@@ -32,9 +33,6 @@ from stages.train_touch import TouchTrainingSettings, train_local_network
 ZARR = "touches.zarr"
 MODEL_SUFFIX = "-touch"
 """Suffix of the folder beside a sensor file that holds its network: `my_gel-touch` beside `my_gel.yaml`."""
-SAME_IMAGES = {"rows": True, "cols": True, "gel": {"modulus", "friction"}}
-"""Entries that may differ from the sensor of a network that was not named: they change neither images nor indentation."""
-PNG_STEP = 1e-7  # m per level of a depth PNG: 16 bits reach 6.5 mm
 DEEPEST = 2**16 - 1
 RIM_SHARE = 0.03
 """Share of the rim that shows a press, above which the rim counts as pressed. Of public photographs, 26 of 28 whose contact the rim cuts
@@ -45,6 +43,9 @@ PRESSES, WATCHED, STEPS = 1200, 16, 1200
 GEL = (0.6, 1.5)
 """Least and greatest factor of the gel's thickness per press: photographs of balls do not determine it better. Much thinner gels touch the
 object where thicker ones only sink beside it, and contact would become ambiguous."""
+DEEPER = 1.25
+"""Random presses are up to this many times as deep as those that a sensor was calibrated with, for real gels give way more than modelled
+ones."""
 REMEDY = "train one with `vt-pipeline calibrate-sensor --train` or `vt-pipeline run train-touch`, and name its folder with --model"
 
 
@@ -82,7 +83,7 @@ class TouchReader:
     By default that is `NAME-touch` beside the sensor file, else the pretrained network for the sensor. Either must have been trained for
     the sensor as its file describes it, but for its pixels and its gel's modulus. Photographs that look altered as a whole are errors
     unless `accept_photographs`: by exchanged colours, turned, mirrored, grey, with another exposure, white balance, contrast or hue, of
-    another sensor, or touched and untouched exchanged.
+    another sensor, or touched and untouched exchanged. Dots that are printed on the gel are filled in, and hold no information.
     """
 
     def __init__(
@@ -107,22 +108,25 @@ class TouchReader:
         if not isinstance(loaded, LocalTouchModel):
             raise InvalidInput(f"{folder} holds a U-Net, which reads simulated images; photographs are read by a network of `train-touch`")
         self.network = f"the pretrained network for {described.name}" if folder == shipped else str(folder)
-        if model is None and (differing := sensor_differences(loaded.sensor, described, but_for=SAME_IMAGES)):
-            raise InvalidInput(
-                f"{self.network} was trained for another sensor than {path} describes: {', '.join(differing)} differ; {REMEDY}, or name "
-                f"{folder} there if larger errors do no harm"
+        if model is None:
+            loaded.check_description(
+                described, self.network, f"{path} describes", f"{REMEDY}, or name {folder} there if larger errors do no harm"
             )
         self.pixel_aspect = described.pitch[0] / described.pitch[1]
         loaded.check_sides(*described.shape, self.pixel_aspect)
-        self.model, self.untouched, self.described, self.accept_photographs = loaded, untouched, described, accept_photographs
+        self.model, self.described, self.accept_photographs = loaded, described, accept_photographs
+        self.markers = MarkerRemoval(untouched)
+        self.untouched = self.markers.fill(untouched)
         if not accept_photographs:
-            stop_at(untouched_faults(untouched, described))
+            stop_at(untouched_faults(self.untouched, described))
         rows, cols = untouched.shape[:2]
         loaded.check_sides(rows, cols, self.pixel_aspect)
         self.sensor = resample(described, rows, cols)
 
     def read(self, image: NDArray[np.uint8]) -> TouchReading:
         """Read a photograph, (rows, cols, 3) uint8; an `InvalidInput` if it has other pixels than the untouched one, or looks altered."""
+        if image.shape == self.untouched.shape:
+            image = self.markers.fill(image)
         if not self.accept_photographs:
             stop_at(photograph_faults(image, self.untouched, self.described))
         if image.shape != self.untouched.shape:
@@ -136,12 +140,12 @@ class TouchReader:
 def write_reading(reading: TouchReading, folder: Path, name: str) -> None:
     """Write a reading into a folder, which is made where it is missing, and its group of `ZARR`.
 
-    `NAME-depth.png`, 16 bits, `PNG_STEP` m per level; `NAME-contact.png`, 255 in the contact; `NAME-normals.png`, (n + 1) / 2 as colours;
+    `NAME-depth.png`, 16 bits, `GEL_STEP` m per level; `NAME-contact.png`, 255 in the contact; `NAME-normals.png`, (n + 1) / 2 as colours;
     `NAME.ply`, points in the contact with normals, m.
     """
     folder.mkdir(parents=True, exist_ok=True)
     normals = reading.normals
-    levels = np.minimum(np.rint(reading.indentation.astype(np.float64) / PNG_STEP), DEEPEST).astype(np.uint16)
+    levels = np.minimum(np.rint(reading.indentation.astype(np.float64) / GEL_STEP), DEEPEST).astype(np.uint16)
     pictures: dict[str, np.ndarray] = {
         "depth": levels,
         "contact": np.where(reading.contact, 255, 0).astype(np.uint8),
@@ -232,10 +236,12 @@ def random_presses(
     gel: tuple[float, float] = GEL,  # least and greatest factor of gel thickness or membrane width, drawn per press
 ) -> Presses:
     """Press random shapes into a sensor; they stay in memory."""
-    presses = []
+    deepest = min(DEEPER * sensor.calibrated.deepest, sensor.w / DEEPER) if sensor.calibrated else 0.0
+    ranges, presses = PressRanges(), []
+    ranges = replace(ranges, depth=(ranges.depth[0], max(ranges.depth[1], deepest)))
     for number in range(count):
         rng = numpy_rng(seed, "random-presses", number)
-        press = random_press(sensor, rng)
+        press = random_press(sensor, rng, ranges)
         varied = scaled_gel(sensor, rng.uniform(*gel))
         state = press_gel(press.depth, varied)
         presses.append(SimulatedPress(render_gel(state.indentation, varied, rng), state.indentation.astype(np.float32), state.contact))

@@ -14,7 +14,7 @@ SLIDES = Artifact(
         "slide_shape": Array(
             "object slide", "uint8", "1", f"What was pressed: {', '.join(f'{code} {name}' for code, name in enumerate(PRESSED))}."
         ),
-        "slide_scale": Array("object slide", "float32", "1", "Scale of the object whose patch was pressed, of its own size; 1 of shapes."),
+        "slide_scale": Array("object slide", "float32", "1", "Scale of the object whose patch was pressed, and of its frame; 1 of shapes."),
         "slide_friction": Array("object slide", "float32", "1", "Coefficient of friction."),
         **over_time("slide", "object slide step", always=ALWAYS),
         "slide_untouched": Array("row col rgb", "uint8", "1/255", "The tactile image when nothing touches the sensor."),

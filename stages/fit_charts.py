@@ -33,7 +33,8 @@ class ChartSettings(ObjectSettings):
 
     cloud: Literal["predicted", "local", "true"] = setting(
         "predicted",
-        "the points a trained U-Net sees in the tactile image, the supplement's way; `local`: those that `train-touch`'s network reads; "
+        "the points a trained U-Net sees in the tactile image, the supplement's way; `local`: those that `train-touch`'s network reads "
+        "(with train-touch.pretrained=shipped, the pretrained one); "
         "`true` are those of the depth map",
         changes="definition",
     )

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from pipeline.kernels.metrics.chamfer import SearchCloud
-    from pipeline.models.observation import NetworkBatch
+    from pipeline.models.observation import ChartBatch
     from pipeline.training.items import Items
 
 
@@ -117,7 +117,7 @@ class GcnLearner(ReconstructionLearner):
         inputs = self.stack(network, batch)
         return self._chamfer(network(**vars(inputs)), inputs, batch)
 
-    def _chamfer(self, deformed: Tensor, inputs: NetworkBatch, batch: Batch) -> Tensor:
+    def _chamfer(self, deformed: Tensor, inputs: ChartBatch, batch: Batch) -> Tensor:
         """Compute (B,) Chamfer distances of `loss_points` points each way to all the object's, in Table 3's unit."""
         import torch
 

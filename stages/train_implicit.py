@@ -142,10 +142,10 @@ class ImplicitLearner(ReconstructionLearner):
 
     def loss(self, network: Any, batch: Batch) -> Tensor:
         """Compute the mean absolute error of the distances within the band, as a share of the band."""
-        inputs, (queries, distances) = self.stack(network, batch), batch.targets
-        predicted: Tensor = network(queries.to(inputs.touch_vertices), **vars(inputs))
+        like, (queries, distances) = next(network.parameters()), batch.targets
+        predicted: Tensor = network(queries.to(like), **vars(self.stack(network, batch)))
         band: float = self.config.band
-        loss: Tensor = (predicted - distances.to(inputs.touch_vertices).clamp(-band, band)).abs().mean() / band
+        loss: Tensor = (predicted - distances.to(like).clamp(-band, band)).abs().mean() / band
         return loss
 
     def errors(self, network: Any, batch: Batch) -> Tensor:

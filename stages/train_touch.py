@@ -1,4 +1,4 @@
-"""`train-touch`: a network learns to read depth and contact in photographs, from simulated presses; from slides, motion and force too."""
+"""`train-touch`: a local network learns to read depth in photographs, from simulated presses; from slides, motion and force too."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from pipeline.config.settings import setting
+from pipeline.dataset.object_rows import sensor_of
 from pipeline.engine.stage import Cost, DatasetJob
 from pipeline.kernels.touch.sensor import MM
 from pipeline.rng import seeded_weights
+from pipeline.store.directory import DataDirectory
 from pipeline.training.learner import Learner
 from pipeline.training.presses import Motion, Presses, SimulatedPress, stored_presses, stored_slides
 from pipeline.training.settings import Schedule, TrainingSettings
@@ -20,6 +22,7 @@ from pipeline.training.training_stage import Training
 from schemas.base import Artifact
 from schemas.presses import PRESSES
 from schemas.slides import SLIDES
+from schemas.touch import TOUCH
 
 if TYPE_CHECKING:
     import torch
@@ -36,6 +39,9 @@ DRIFT_SIDE = 3  # points per side between which drift is interpolated: it is smo
 class TouchTrainingSettings(TrainingSettings):
     """How the local network that reads photographs is trained on simulated presses."""
 
+    pretrained: Literal["shipped"] | None = setting(
+        None, "`shipped` takes the pretrained network for the sensor of the dataset's touches as it is, and needs no presses"
+    )
     learning_rate: float = setting(4e-3, "for a small network and a thousand steps", gt=0, le=100)
     schedule: Schedule = setting("cosine", "a training of fixed length ends with small steps")
     epochs: int = setting(
@@ -50,7 +56,7 @@ class TouchTrainingSettings(TrainingSettings):
         "`markers`",
         changes="definition",
     )
-    width: int = setting(20, "features of the hidden layers: 6,500 parameters", ge=1, le=2**12)
+    width: int = setting(20, "features of the hidden layers: 5,000 parameters", ge=1, le=2**12)
     window: int = setting(64, "pixels per side of the part of a press that a step sees; it costs a sixth of whole images of 160", ge=16)
     image_gain: float = setting(
         0.07,
@@ -266,14 +272,24 @@ def _blurred(image: Tensor, sigma: float) -> Tensor:
 
 
 class TrainTouch(Training):
-    """Train a small network that reads the gel's depth and contact from changes of colour."""
+    """Train a small network that reads the gel's depth from changes of colour."""
 
     name = NAME
-    summary = "A local network that reads depth and contact in photographs of a sensor, from simulated presses."
+    summary = "A local network that reads depth in photographs of a sensor, from simulated presses."
     settings_type = TouchTrainingSettings
 
     def inputs(self, settings: TouchTrainingSettings) -> tuple[Artifact, ...]:
+        if settings.pretrained:
+            return (TOUCH,)
         return (SLIDES if settings.source == "slides" else PRESSES,)
+
+    def assets(self, settings: TouchTrainingSettings) -> list[Path]:
+        """List the files of the pretrained networks, if one is taken."""
+        if settings.pretrained is None:
+            return []
+        from pipeline.models.shipped_weights import SENSORS, SHIPPED
+
+        return sorted(path for path in (SHIPPED / SENSORS).glob("*/*") if path.is_file())
 
     def writes(self, settings: TouchTrainingSettings) -> str:
         return "models/touch"
@@ -284,10 +300,14 @@ class TrainTouch(Training):
         return Cost(seconds=objects * 72 * settings.epochs * 0.003 * pixels * settings.width / 16, kilobytes=100)
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
-        """Train, and save the last epoch's weights with the sensor and its untouched image."""
-        from pipeline.models.touch_model import save_touch_model
+        """Train, and save the last epoch's weights with the sensor and its untouched image; or save those of the pretrained network."""
+        from pipeline.models.touch_model import save_touch_model, shipped_touch_model
 
         settings: TouchTrainingSettings = job.settings
+        if settings.pretrained:
+            model = shipped_touch_model(sensor_of(DataDirectory(job.data).collection(TOUCH).first), "cpu")
+            save_touch_model(job.folder, model.network, sensor=model.sensor, untouched=model.untouched)
+            return {"pretrained": model.sensor.name, "presses": {"train": 0, "valid": 0}}
         stored = stored_slides if settings.source == "slides" else stored_presses
         presses, valid = (stored(job.data, split, cache_megabytes=settings.cache_megabytes) for split in ("train", "valid"))
         network, facts = train_local_network(presses, valid, settings, folder=job.folder, seed=job.seed)

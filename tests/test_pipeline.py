@@ -229,6 +229,8 @@ def test_report_shows_tables_figures_and_scenes_of_the_evaluation(made):
     assert "Do the orderings of Smith et al. 2020 hold?" in results
     assert pages["index.html"].count("figures/overview-") == 6
     assert "reconstruction: occluded-touch" in pages["index.html"]
+    assert "steps not settled" in pages["index.html"]
+    assert 'src="duck.slide.webp"' in pages["duck.html"]
     for name, page in pages.items():
         visible = re.sub(r'data:[^"]+', "", page)
         assert not [words for words in UNEXPLAINED if words in visible], name

@@ -33,7 +33,7 @@ photographs be shipped, so pictures here show depth alone.
 
 Depth is how far the gel's surface lies below its rest. It is compared in the footprint of each press: of a ball, 0.85 of the circle in
 which it would meet a flat gel; of a flat face, its outline. Truth is nominal: a rigid ball, or one depth. The contact's intersection over
-union is taken with that footprint, at a probability of 0.5. Normals on flats are compared 0.3 mm from the outline on. For balls of
+union is taken with that footprint. Normals on flats are compared 0.3 mm from the outline on. For balls of
 unknown depth the shape alone is compared.
 
 """

@@ -104,10 +104,10 @@ def read_sets(real: Path, descriptions: list[Path]) -> list[PhotographSet]:
 
 def _read(folder: Path, described: SetDescription) -> PhotographSet:
     untouched = read_image(folder / described.untouched)
-    balls, not_found = _balls(folder, described.fitted, untouched)
+    balls, not_found = _balls(folder, described.fitted, untouched, described.mm_per_pixel)
     presses = [_press(folder, press, described.mm_per_pixel) for press in described.presses]
     if described.tested:
-        tested, tested_not_found = _balls(folder, described.tested, untouched)
+        tested, tested_not_found = _balls(folder, described.tested, untouched, described.mm_per_pixel)
         presses += [ball_press(ball, described.tested.radius, described.mm_per_pixel) for ball in tested]
         not_found += tested_not_found
     path = folder / described.untouched
@@ -115,7 +115,7 @@ def _read(folder: Path, described: SetDescription) -> PhotographSet:
     return PhotographSet(described.name, described.source, scale, untouched, path, *radii, balls, presses, not_found)
 
 
-def _balls(folder: Path, balls: Balls, untouched: NDArray[np.uint8]) -> tuple[list[Photograph], list[str]]:
+def _balls(folder: Path, balls: Balls, untouched: NDArray[np.uint8], scale: float) -> tuple[list[Photograph], list[str]]:
     """Read photographs of balls with their contacts; list those whose contact is not found."""
     circles = _circles(folder / balls.circles) if balls.circles else {}
     photographs, not_found = [], []
@@ -124,7 +124,7 @@ def _balls(folder: Path, balls: Balls, untouched: NDArray[np.uint8]) -> tuple[li
             continue
         image, name = read_image(path), path.relative_to(folder).as_posix()
         try:
-            photographs.append(Photograph(name, image, circles.get(path.name) or find_contact(image, untouched)))
+            photographs.append(Photograph(name, image, circles.get(path.name) or find_contact(image, untouched, balls.radius / scale)))
         except ValueError as error:
             not_found.append(f"{name}: {error}")
     return photographs, not_found

@@ -48,9 +48,9 @@ def score(reading: Reading, press: Press, scale: float) -> Scores:
     return Scores(rmse, bias, float(error.std()), *by_kind, overlap)
 
 
-def angles(depth: NDArray[np.float64], truth: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
-    """Compute the angle between the normals of two depth maps at each pixel, rad."""
-    one, other = (np.stack([*np.gradient(surface, scale), np.ones_like(surface)]) for surface in (depth, truth))
+def angles(depth: NDArray[np.float64], truth: NDArray[np.float64], scale: float | tuple[float, float]) -> NDArray[np.float64]:
+    """Compute the angle between the normals of two depth maps at each pixel, rad; `scale` is mm per pixel, perhaps along y and x."""
+    one, other = (np.stack([*np.gradient(surface, *np.broadcast_to(scale, 2)), np.ones_like(surface)]) for surface in (depth, truth))
     product = (one * other).sum(axis=0) / np.linalg.norm(one, axis=0) / np.linalg.norm(other, axis=0)
     return np.arccos(np.clip(product, -1, 1))
 
@@ -64,10 +64,11 @@ def ball_footprint(reading: Reading, press: Press) -> NDArray[np.bool_]:
     return np.asarray(reading.contact & (distances(reading.contact.shape, col.mean(), row.mean()) < reach))
 
 
-def ball_radius(depth: NDArray[np.float64], footprint: NDArray[np.bool_], scale: float) -> float:
-    """Find the radius of the sphere nearest to the depth (rows, cols), mm, in a footprint; `scale` is mm per pixel."""
+def ball_radius(depth: NDArray[np.float64], footprint: NDArray[np.bool_], scale: float | tuple[float, float]) -> float:
+    """Find the radius of the sphere nearest to the depth (rows, cols), mm, in a footprint; `scale` as in `angles`."""
+    pitch_y, pitch_x = np.broadcast_to(scale, 2)
     row, col = np.nonzero(footprint)
-    points = np.stack([scale * col, scale * row, depth[footprint]], axis=1)
+    points = np.stack([pitch_x * col, pitch_y * row, depth[footprint]], axis=1)
     points -= points.mean(axis=0)
     solved = np.linalg.lstsq(np.column_stack([2 * points, np.ones(len(points))]), np.square(points).sum(axis=1), rcond=None)[0]
     return float(np.sqrt(solved[3] + np.square(solved[:3]).sum()))

@@ -23,11 +23,12 @@ from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
 from pipeline.kernels.geometry.mesh_cleaning import POSITION
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes, collision_spheres
-from pipeline.kernels.hand.convex_shapes import buried_gels, convex_error
+from pipeline.kernels.hand.convex_shapes import convex_error
 from pipeline.kernels.hand.grasp_ik import blocked_fingers, sample_postures
 from pipeline.kernels.hand.kinematics import forward_kinematics, opening, sensor_poses_from_links, sensor_positions
 from pipeline.kernels.hand.model import Hand, Link
 from pipeline.kernels.hand.self_collision import LinkOverlap, frequent_overlaps, remedy
+from pipeline.kernels.hand.sensor_mounts import misplaced_sensors, palm_notes, surface_notes
 from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.hand_urdf import GEARED_INERTIA, geared_links, inertia_notes
@@ -56,15 +57,11 @@ ATTEMPTS = 10
 BALL_SHARE = 0.5  # diameter of the ball, as a share of the hand's opening
 NO_ROOM = "the hand has no room around the ball"
 PALM = "let palm.facing and palm.centre of the hand file point to where an object lies; the picture draws them"
-NEARER = (
-    "the palm's sensors touch what is nearer than their gel is thick: with --set simulate-grasps.least_distance=0 and a "
-    "greatest_distance below that"
-)
 REMEDIES = {
     NO_ROOM: PALM,
     "fingers still move": "lower torque in the hand file",
     "a joint is pushed": "lower torque in the hand file",
-    "links of the hand": "write the pairs of the overlap lines into the hand file",
+    "links of the hand": "write what is against the overlaps into the hand file",
     "a rigid link": "lay the sensors' origins on the surface of their links, and normals outwards, in the hand file",
 }
 """What to do if no attempt succeeds, by how the most frequent reason begins."""
@@ -82,22 +79,25 @@ def check_hand(path: Path, picture: Path) -> list[str]:
     fingers = ", ".join(
         f"{finger.name} ({pluralise(len(finger.joints), 'joint')}, {pluralise(len(finger.sensors), 'sensor')})" for finger in hand.fingers
     )
-    gels = list(buried_gels(hand, sensors))
+    misplaced = list(misplaced_sensors(hand, sensors))
     try:
         collision_spheres(hand, spacing=MEASURE_SPACING)
         unusable = []
     except InvalidInput as error:  # a shape is flat or too large; `simulate-grasps` says the same
         unusable = [str(error)]
-    faults = [f"fault: {text}" for text in (*_faults(hand, boxes), *unusable, *(text for wholly, text in gels if wholly))]
+    faults = [f"fault: {text}" for text in (*_faults(hand, boxes), *unusable, *(text for is_fault, text in misplaced if is_fault))]
     trial = [] if faults else trial_grasps(path)
     faulty = any(line.startswith("fault:") for line in (*faults, *trial))
     return [
         f"{path}: hand {hand.name}, {len(hand.links)} links, {'faults below' if faulty else 'no faults'}",
         f"moves: {fingers}; joints that follow another: {len(hand.followers)}, frozen: {len(hand.frozen)}",
-        f"motors {hand.torque:g} N m (N), friction {hand.friction:g}, opens {1e3 * opening(hand):.0f} mm",
+        f"motors {hand.torque:g} {hand.torque_unit}, friction {hand.friction:g}, opens {1e3 * opening(hand):.0f} mm",
         *faults,
-        *(f"warning: {text}" for wholly, text in gels if not wholly),
+        *(f"warning: {text}" for is_fault, text in misplaced if not is_fault),
+        *(f"warning: {text}" for text in palm_notes(hand, sensors, GraspSettings().least_distance, GraspSettings().greatest_distance)),
         *(_overlap_line(hand, overlap) for overlap in overlaps),
+        *([f"against these overlaps: write {remedy(hand, overlaps)} into the hand file"] if overlaps else []),
+        *surface_notes(hand),
         *model.notes,
         *([] if unusable else _convex_notes(hand, model.links)),
         *_notes(hand),
@@ -133,7 +133,7 @@ def _faults(hand: Hand, boxes: CollisionBoxes) -> Iterator[str]:
 def _overlap_line(hand: Hand, overlap: LinkOverlap) -> str:
     names = f"{hand.links[overlap.first].name}, {hand.links[overlap.second].name}"
     share, depth = f"{100 * overlap.share:.0f} % of random postures", f"{1e3 * overlap.depth:.1f} mm"
-    return f"overlap: [{names}] in {share}, by {depth}: write {remedy(hand, overlap)} into the hand file"
+    return f"overlap: [{names}] in {share}, by {depth}"
 
 
 def _convex_notes(hand: Hand, links: Sequence[Link]) -> Iterator[str]:
@@ -206,11 +206,9 @@ def trial_grasps(path: Path) -> list[str]:
         worst = str(reasons.most_common(1)[0][0])
         remedy = next(remedy for reason, remedy in REMEDIES.items() if worst.startswith(reason))
         lines.append(f"fault: no attempt is a grasp, mostly because {worst}; {remedy}")
-    elif not any(touches):
-        on_palm = not any(finger.sensors for finger in prepared.hand.fingers)
+    elif not any(touches) and any(finger.sensors for finger in prepared.hand.fingers):
         kind = "fault" if 2 * len(touches) >= ATTEMPTS else "warning"
-        misses = f"{kind}: no sensor touches the ball: do the sensors' normals point out of their links? Else {PALM}"
-        lines.append(f"trial: {NEARER}" if on_palm else misses)
+        lines.append(f"{kind}: no sensor touches the ball: do the sensors' normals point out of their links? Else {PALM}")
     return lines
 
 

@@ -41,6 +41,8 @@ _SENSORS = TypeAdapter(Annotated[tuple[Sensor, ...], Field(min_length=1)])
 class UsableObjects:
     """The objects of a split that failed in none of the artifacts that are read, in id order."""
 
+    _sensors: tuple[Sensor, ...] | None  # read once
+
     def __init__(
         self,
         data: str | Location,  # a data directory
@@ -48,7 +50,7 @@ class UsableObjects:
         split: str | None,  # train, valid or test; None for all objects
         optional: Sequence[Artifact] = (),  # read if they have been made
     ) -> None:
-        self.data, self.split = as_location(data), split
+        self.data, self.split, self._sensors = as_location(data), split, None
         self.directory = DataDirectory(self.data)
         self.directory.check_exists()
         opened = [self.directory.collection(artifact) for artifact in artifacts]
@@ -79,7 +81,9 @@ class UsableObjects:
 
     def sensors(self) -> tuple[Sensor, ...]:
         """Read the sensor of each finger."""
-        return sensors_of(self.collections["touch"].first)
+        if self._sensors is None:
+            self._sensors = sensors_of(self.collections["touch"].first)
+        return self._sensors
 
     def sensor(self) -> Sensor:
         """Read the sensor of all tactile images."""

@@ -23,6 +23,7 @@ SHADES: dict[str, Any] = {"cmap": "Oranges", "vmin": 0, "vmax": 1.6}
 STICKS, SLIPS = 0.35, 1.0  # shades of the contact
 
 Touches = Mapping[str, np.ndarray]  # (steps, …) each, by the names `DRAWN`
+Show = Callable[[int], list[Any]]  # changes what was drawn to a step, and returns these artists
 
 
 def are_drawable(shard: Shard) -> bool:
@@ -44,31 +45,36 @@ def animate_slides(slides: Sequence[tuple[str, Touches]], sensor: Sensor) -> byt
     canvas: Any = FigureCanvasAgg(figure)
     grid = figure.subplots(len(slides), 3, squeeze=False, width_ratios=(1, 1, 1.5))
     shows = [show for row, (title, touches) in zip(grid, slides, strict=True) for show in _row(row, visible(title), touches, sensor)]
-    time = slides[0][1]["time"]
-    frames = []
+    moving = [artist for show in shows for artist in show(0)]
+    for artist in moving:
+        artist.set_animated(True)  # `draw` leaves it out
+    canvas.draw()
+    still, time, frames = canvas.copy_from_bbox(figure.bbox), slides[0][1]["time"], []
     for step in range(len(time)):
-        for show in shows:
-            show(step)
-        canvas.draw()
-        if step == 0:
-            figure.set_layout_engine("none")  # what is laid out once stays
+        canvas.restore_region(still)
+        for artist in (artist for show in shows for artist in show(step)):
+            artist.axes.draw_artist(artist)
         frames.append(Image.fromarray(np.array(canvas.buffer_rgba())[..., :3]))
     buffer, pause = io.BytesIO(), round(1e3 * float(time[-1]) / max(len(time) - 1, 1))
     frames[0].save(buffer, "WEBP", save_all=True, append_images=frames[1:], duration=max(pause, 20), loop=0, quality=80, method=4)
     return buffer.getvalue()
 
 
-def _row(axes: Sequence[Axes], title: str, touches: Touches, sensor: Sensor) -> list[Callable[[int], Any]]:
-    """Draw a sequence's first step into three axes; return what draws others."""
+def _row(axes: Sequence[Axes], title: str, touches: Touches, sensor: Sensor) -> list[Show]:
+    """Draw a sequence's first step into three axes."""
     picture = axes[0].imshow(touches["tactile_image"][0])
+
+    def show(step: int) -> list[Any]:
+        picture.set_data(touches["tactile_image"][step])
+        return [picture]
+
     axes[0].set_title(title, fontsize=8, loc="left", parse_math=False)
     axes[0].set_axis_off()
-    field, forces = draw_field(axes[1], touches, sensor), draw_forces(axes[2], touches)
-    return [lambda step: picture.set_data(touches["tactile_image"][step]), field, forces]
+    return [show, draw_field(axes[1], touches, sensor), draw_forces(axes[2], touches)]
 
 
-def draw_field(axes: Axes, touches: Touches, sensor: Sensor) -> Callable[[int], None]:
-    """Draw where the contact sticks and slips in the first step, and how the gel's surface is displaced; return what draws another.
+def draw_field(axes: Axes, touches: Touches, sensor: Sensor) -> Show:
+    """Draw where the contact sticks and slips in the first step, and how the gel's surface is displaced.
 
     The longest arrow of all steps is as long as a step and a half from arrow to arrow.
     """
@@ -78,14 +84,16 @@ def draw_field(axes: Axes, touches: Touches, sensor: Sensor) -> Callable[[int], 
     moved = MM * touches["shear"][:, part, part]
     longest = max(float(np.hypot(*np.moveaxis(moved, -1, 0)).max()), LEAST)
     scale = longest / (1.5 * stride * MM * sensor.pitch[1])
-    shown = axes.imshow(_contact(touches, 0), extent=(x[0], x[-1], y[-1], y[0]), **SHADES)
+    right, top = MM * sensor.width / 2, MM * sensor.height / 2
+    shown = axes.imshow(_contact(touches, 0), extent=(-right, right, top, -top), **SHADES)
     arrows = axes.quiver(x[part], y[part], *np.moveaxis(moved[0], -1, 0), angles="xy", scale_units="xy", scale=scale, width=0.006)
     axes.set_title(f"gel moved up to {longest:.2g} mm", fontsize=8, loc="left")
     axes.set(xticks=[], yticks=[])
 
-    def show(step: int) -> None:
+    def show(step: int) -> list[Any]:
         shown.set_data(_contact(touches, step))
         arrows.set_UVC(*np.moveaxis(moved[step], -1, 0))
+        return [shown, arrows]
 
     return show
 
@@ -95,8 +103,8 @@ def _contact(touches: Touches, step: int) -> np.ndarray:  # (rows, cols) shades
     return np.where(slips, SLIPS, np.where(touches["pressure"][step] > 0, STICKS, 0.0))
 
 
-def draw_forces(axes: Axes, touches: Touches) -> Callable[[int], None]:
-    """Draw forces and torque over time, and a line at the first step; return what moves it to another."""
+def draw_forces(axes: Axes, touches: Touches) -> Show:
+    """Draw forces and torque over time, and a line at the first step."""
     time, force = touches["time"], touches["force"]
     for values, label in ((-force[:, 2], "normal, N"), (force[:, 0], "along x, N"), (force[:, 1], "along y, N")):
         axes.plot(time, values, label=label, lw=1.2)
@@ -106,4 +114,9 @@ def draw_forces(axes: Axes, touches: Touches) -> Callable[[int], None]:
     axes.set_xlim(time[0], time[-1])
     axes.set_xlabel("time, s", fontsize=7)
     now = axes.axvline(time[0], color="0.5", lw=1)
-    return lambda step: now.set_xdata([time[step], time[step]])
+
+    def show(step: int) -> list[Any]:
+        now.set_xdata([time[step], time[step]])
+        return [now]
+
+    return show

@@ -19,6 +19,7 @@ from pipeline.kernels.arrays import Mask
 FORMATS = ("PNG", "JPEG", "BMP", "TIFF")  # Pillow would open others too, some by starting a program
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")  # suffixes of their files
 MAX_BYTES, MAX_PIXELS = 2**28, 2**26  # limits of a file, and of the image in it: 67 megapixels take 200 MB
+GEL_STEP = 1e-7  # m per level of the PNG files of `read-touch`: 16 bits reach 6.5 mm
 
 
 def image_files(files: Iterable[Path], leave_out: Path) -> list[Path]:
@@ -43,6 +44,12 @@ def read_mask(path: Path) -> Mask:
 
     values = _read_pixels(path, ("1", "L", "P", "I;16", "RGB"), "colours", "8-bit grey PNG, 0 outside", levels)
     return np.asarray(values.any(axis=2) if values.ndim == 3 else values != 0)
+
+
+def read_gel_depth(path: Path) -> NDArray[np.float64]:
+    """Read how deep a gel is pressed in, (rows, cols) m: a PNG file of `read-touch`, or a .npy file in m; errors as `read_depth`."""
+    depth = read_depth(path)
+    return depth.astype(np.float64) * (GEL_STEP if depth.dtype == np.uint16 else 1.0)
 
 
 def read_depth(path: Path) -> NDArray[Any]:

@@ -2,18 +2,22 @@
 
 import re
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import read_file
+from pipeline.formats.image_file import MAX_BYTES, read_array
 from pipeline.formats.mesh_companions import Companions, texture_names
 from pipeline.formats.mesh_parts import build_part, cut_polygons, eight_bits, split_vertices, strip_corners
 from pipeline.formats.ply_elements import Element, read_elements
 from pipeline.formats.textures import Textures
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.transforms import unit_vectors
 
 COLORS = [
     tuple(prefix + channel for channel in channels)
@@ -23,6 +27,7 @@ COLORS = [
 COLOR_LIKE = re.compile(r"(?!ambient|specular|emissive).*(?:red|green|blue|colou?r|rgb)|intensity$|gr[ae]y$|material_index$")
 """Names of properties that look like a colour."""
 COORDINATES = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))  # names of the texture coordinates of a vertex
+MAX_POINTS = 1_000_000  # of a touch
 PAGES = ("texnumber", "texindex", "tex_index", "texture_index", "texture_number")
 """Names of the property of a face, or of a vertex, that numbers its texture from 0."""
 
@@ -71,6 +76,28 @@ def read_ply(file: Companions, images: Textures) -> list[Mesh]:
     vertex_of, value_of, faces = split_vertices(faces, values.reshape(-1, 3))
     uv_of = pairs.view(np.float32).reshape(-1, 2)[value_of]
     return [build_part(vertices[vertex_of], faces, uv=uv_of, page=page, textures=textures)]
+
+
+def read_points(path: Path) -> Array:  # (N, 6)
+    """Read points and unit normals from a PLY file with nx, ny, nz, or a .npy file (N, 6)."""
+    if path.suffix.lower() == ".npy":
+        points: NDArray[Any] | None = read_array(path)
+        lacking = "it must hold numbers (N, 6)"
+    else:
+        try:
+            elements = read_elements(read_file(path, MAX_BYTES), [])
+        except InvalidInput as error:
+            raise InvalidInput(f"{path}: {error}") from error
+        vertex = next((element for element in elements if element.name == "vertex"), None)
+        points = None if vertex is None else vertex.columns("x", "y", "z", "nx", "ny", "nz")
+        lacking = "its vertices need x, y, z, nx, ny, nz: `read-touch` writes them"
+    if points is None or points.ndim != 2 or points.shape[1] != 6 or points.dtype.kind not in "fiu":
+        raise InvalidInput(f"{path} holds no points with normals: {lacking}")
+    if len(points) > MAX_POINTS or not np.isfinite(points).all():
+        raise InvalidInput(f"{path} has {len(points)} points; at most {MAX_POINTS} are read, and all must be finite")
+    points = points.astype(np.float64)
+    points[:, 3:] = unit_vectors(points[:, 3:])
+    return points
 
 
 def _polygons(face: Element) -> tuple[NDArray[np.int64], NDArray[np.int64], str]:

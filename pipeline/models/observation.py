@@ -1,7 +1,7 @@
-"""Observations of objects: the images and touch charts that networks are given."""
+"""Observations of objects: the images and touches that networks are given."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -9,10 +9,18 @@ from torch import Tensor
 
 from pipeline.dataset.object_rows import ObjectRows, is_surface
 from pipeline.errors import InvalidInput
-from pipeline.kernels.geometry.transforms import scaling_about, transform_points
+from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.geometry.transforms import rotation_from_euler, scaling_about
+from pipeline.kernels.networks.implicit_network import TouchPoints, pad_touches
 from pipeline.kernels.networks.network_configurations import NetworkInputs
 from pipeline.kernels.tensors import network_input
+from pipeline.kernels.touch.depth_maps import gel_surface, pressed_pixels
+from pipeline.kernels.touch.sensor import Sensor, check_pose, sensor_to_world
+from pipeline.kernels.touch.touched_points import Touch, chart_touches, gel_touch, touched_flags
 from pipeline.kernels.vision.view_transfer import moved_projection
+
+CHART_ARRAYS, GEL_ARRAYS = ("vertices", "stop_rule"), ("depth", "sensor_pose", "touch_success")
+"""Arrays of a dataset that touches are read from."""
 
 
 @dataclass(frozen=True)
@@ -20,27 +28,44 @@ class Observation:
     """Hold the image and touches of one object."""
 
     image: np.ndarray | None  # (rows, cols, 3) uint8; None for networks without image
-    # (T, S, 3) float32 world, m: touch charts of all sensors of all given grasps; by default none
-    touch_vertices: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3), np.float32))
-    touched: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))  # (T,) bool: of successful touches
+    touches: tuple[Touch, ...] = ()  # what all sensors of all given grasps feel, world, m
     camera: np.ndarray | None = None  # (3, 4) world, m, to image pixels; None without one, or if it is the training's
     scale: float = 1.0  # about the centre of the network's ball; makes the object as large as those learned from
+    turn: float = 0.0  # rad, about +z through that centre, before the network sees it
 
-    def scaled(self, centre: Sequence[float]) -> "Observation":
-        """Scale the object with its touches and its camera about a point (3,), world, m, so that the image stays the same."""
-        return self if self.scale == 1 else replace(self.moved(scaling_about(centre, self.scale)), scale=1.0)
+    def placement(self, centre: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Compute the similarity (4, 4) about a point (3,), world, m, that moves the object to where the network sees it."""
+        turn = np.eye(4)
+        turn[:3, :3] = rotation_from_euler((0, 0, self.turn))
+        turn[:3, 3] = centre - turn[:3, :3] @ np.asarray(centre)
+        return scaling_about(centre, self.scale) @ turn
+
+    def scaled(self, centre: Sequence[float] | np.ndarray) -> "Observation":
+        """Scale and turn the object with its touches and its camera about a point (3,), world, m, so that the image stays the same."""
+        if self.scale == 1 and self.turn == 0:
+            return self
+        return replace(self.moved(self.placement(centre)), scale=1.0, turn=0.0)
 
     def moved(self, motion: np.ndarray) -> "Observation":
         """Move the object with its touches and its camera by a similarity (4, 4), m, so that the image stays the same."""
         camera = None if self.camera is None else moved_projection(self.camera, motion)
-        vertices = transform_points(motion, self.touch_vertices.astype(np.float64)).astype(np.float32)
-        return replace(self, touch_vertices=vertices, camera=camera)
+        return replace(self, touches=tuple(touch.moved(motion) for touch in self.touches), camera=camera)
+
+    @property
+    def touched(self) -> np.ndarray:
+        """(T,) bool: which sensors touch."""
+        return touched_flags(self.touches)
 
 
-def observed_arrays(config: NetworkInputs) -> tuple[str, ...]:
-    """Name the arrays of a dataset that a network is given."""
+def observed_arrays(config: NetworkInputs, *, of_gels: bool = False) -> tuple[str, ...]:
+    """Name the arrays of a dataset that a network is given; `of_gels` as of `stored_observation`."""
     camera = [] if config.image is None else ["rendering_camera" if config.image == "rendering" else "projection"]
-    return (*stored_images(config), *camera, *(("vertices", "stop_rule") if config.touch else ()))
+    return (*stored_images(config), *camera, *stored_touches(config, of_gels=of_gels))
+
+
+def stored_touches(config: NetworkInputs, *, of_gels: bool = False) -> tuple[str, ...]:
+    """Name the arrays of the touches that a network is given: touch charts, or depth maps."""
+    return () if not config.touch else CHART_ARRAYS if config.takes_charts and not of_gels else GEL_ARRAYS
 
 
 def stored_images(config: NetworkInputs) -> tuple[str, ...]:
@@ -53,8 +78,10 @@ def stored_images(config: NetworkInputs) -> tuple[str, ...]:
 def stored_observation(
     rows: ObjectRows,  # hold the arrays that `observed_arrays` names
     object_id: str,
-    grasps: Sequence[int],  # whose charts are given; the image is the first camera's of the first; or a viewpoint
+    grasps: Sequence[int],  # whose touches are given; the image is the first camera's of the first; or a viewpoint
     config: NetworkInputs,  # of a network that takes any inputs, those of this observation
+    *,
+    of_gels: bool = False,  # depth maps are read even if it has learned from charts: they are another sensor's
 ) -> Observation:
     """Read the observation of a stored object that a network is given."""
     image, camera, scale = None, None, scale_of(rows, object_id, config)
@@ -65,10 +92,40 @@ def stored_observation(
         else:
             view = 0 if config.image == "unoccluded" else 1 + grasps[0]
             camera = rows.read("projection", object_id, camera=0)[view]
-    if not config.touch:
-        return Observation(image, camera=camera, scale=scale)
-    vertices, stop_rule = (rows.read(name, object_id)[list(grasps)] for name in ("vertices", "stop_rule"))  # (grasp, sensor, …)
-    return Observation(image, vertices.reshape(-1, *vertices.shape[2:]), is_surface(stop_rule).reshape(-1), camera, scale)
+    touches: tuple[Touch, ...] = ()
+    if config.touch and (of_gels or not config.takes_charts):
+        depth, poses, touched = (np.stack([rows.read(name, object_id, grasp) for grasp in grasps]) for name in GEL_ARRAYS)
+        touches = tuple(depth_touches(depth, poses, touched, rows.sensors(), scale=scale, config=config))
+    elif config.touch:
+        vertices, stop_rule = (rows.read(name, object_id)[list(grasps)] for name in CHART_ARRAYS)  # (grasp, sensor, …)
+        touches = chart_touches(vertices.reshape(-1, *vertices.shape[2:]), is_surface(stop_rule).reshape(-1))
+    return Observation(image, touches, camera, scale)
+
+
+def depth_touches(
+    depth: np.ndarray,  # (grasp, sensor, rows, cols) m, as stored
+    poses: np.ndarray,  # (grasp, sensor, 4, 4) sensor frame to world, m
+    touched: np.ndarray,  # (grasp, sensor)
+    sensors: Sequence[Sensor],
+    *,
+    scale: float,  # of the object, to the size at which networks see all objects
+    config: NetworkInputs,
+) -> Iterator[Touch]:
+    """Take points of the gels of depth maps."""
+    for at in np.ndindex(touched.shape):
+        sensor, front = sensors[at[1]], np.minimum(depth[at].astype(np.float64), gel_surface(sensors[at[1]]))
+        contact = pressed_pixels(depth[at], sensor) & touched[at]
+        yield learned_touch(gel_touch(front, contact, sensor, check_pose(poses[at]), scale), sensor, poses[at], config)
+
+
+def learned_touch(touch: Touch, sensor: Sensor, pose: np.ndarray, config: NetworkInputs) -> Touch:
+    """Give a network that has learned from charts the free points that these have: undeformed squares of sensors without touch."""
+    if not config.takes_charts:
+        return touch
+    if touch.touched:
+        return replace(touch, free=touch.free[:0], free_normals=touch.free[:0])
+    square = sensor_to_world(pose, *(chart_square(config.side, sensor.aspect)[0].numpy() * sensor.width).T)
+    return chart_touches(square[None], np.zeros(1, bool))[0]
 
 
 def stored_cameras(rows: ObjectRows, object_id: str, config: NetworkInputs) -> np.ndarray:
@@ -83,8 +140,8 @@ def scale_of(rows: ObjectRows, object_id: str, config: NetworkInputs) -> float:
 
 
 @dataclass(frozen=True)
-class NetworkBatch:
-    """Observations as the arguments of a network, on its device."""
+class ChartBatch:
+    """Observations as the arguments of a network that deforms charts, on its device."""
 
     images: Tensor | None
     camera: Tensor | None
@@ -93,12 +150,21 @@ class NetworkBatch:
     counts: list[int]
 
 
+@dataclass(frozen=True)
+class PointBatch:
+    """Observations as the arguments of a network that takes touched points, on its device."""
+
+    images: Tensor | None
+    camera: Tensor | None
+    touches: TouchPoints
+
+
 def stack_observations(
     observations: Sequence[Observation],  # one per item; they are scaled to the size that the network learned
     config: NetworkInputs,  # if it takes any image, items without one get black ones, and zeros for a camera
     camera: Tensor | None,  # (3, 4) projection matrix of images without their own; None if each has its own
     like: Tensor,
-) -> NetworkBatch:
+) -> ChartBatch | PointBatch:
     """Stack observations as tensors of the device and type of `like`."""
     if not observations:
         raise ValueError("observations is empty; give at least one")
@@ -117,9 +183,13 @@ def stack_observations(
             own = [camera if seen.camera is None else torch.tensor(seen.camera, device=like.device) for seen in observations]
             cameras = torch.stack([matrix for matrix in own if matrix is not None])
         images = network_input(torch.from_numpy(np.stack(pictures)).to(like.device), like.dtype)
-    if not config.touch or not any(len(observation.touched) for observation in observations):
-        no_charts = like.new_zeros(0, config.side**2, 3)
-        return NetworkBatch(images, cameras, no_charts, no_charts.new_zeros(0, dtype=torch.bool), [0] * len(observations))
-    charts = np.concatenate([observation.touch_vertices for observation in observations if len(observation.touched)])
-    touched = torch.from_numpy(np.concatenate([observation.touched for observation in observations])).to(like.device)
-    return NetworkBatch(images, cameras, torch.from_numpy(charts).to(like), touched, [len(seen.touched) for seen in observations])
+    of_items = [observation.touches if config.touch else () for observation in observations]
+    if config.of_points:
+        return PointBatch(images, cameras, pad_touches(of_items, like))
+    touches, size = [touch for touches in of_items for touch in touches], config.side**2
+    vertices = [touch.chart for touch in touches if touch.chart is not None and len(touch.chart) == size]
+    if len(vertices) < len(touches):
+        raise InvalidInput(f"the network takes touch charts of {size} vertices; some touches have none, or others")
+    charts = np.stack(vertices) if vertices else np.zeros((0, size, 3), np.float32)
+    touched = torch.from_numpy(touched_flags(touches)).to(like.device)
+    return ChartBatch(images, cameras, torch.from_numpy(charts).to(like), touched, [len(touches) for touches in of_items])

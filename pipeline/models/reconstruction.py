@@ -17,16 +17,16 @@ from torch import Tensor, nn
 from pipeline.entries import Entries
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.kernels.geometry.closed_surface import RESOLUTION, closed_surface
+from pipeline.kernels.geometry.closed_surface import RESOLUTION, closed_surface, vertex_normals
 from pipeline.kernels.geometry.level_set import level_set_mesh
-from pipeline.kernels.geometry.transforms import scaling_about, transform_points
+from pipeline.kernels.geometry.transforms import invert_similarity, transform_points
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.implicit_network import Encoding, ImplicitNetwork
 from pipeline.kernels.networks.network_configurations import ImplicitConfig, NetworkConfig, NetworkInputs
 from pipeline.kernels.vision.camera import DrawnViews, project_points
 from pipeline.kernels.vision.view_transfer import camera_direction, carried_camera
 from pipeline.models.model_files import load_network, read_description
-from pipeline.models.observation import NetworkBatch, Observation, stack_observations
+from pipeline.models.observation import ChartBatch, Observation, stack_observations
 
 ImageRow = tuple[float, float, float, float]
 Level = Annotated[int, Field(ge=0, le=255)]
@@ -66,15 +66,16 @@ class Trained(Entries):
     drawn: DrawnViews | None = None  # where its camera was in each image; None: always at the place of `camera`
     resolution: tuple[int, int] | None  # rows and columns of its images
     background: tuple[Level, Level, Level] | None = None  # sRGB behind them; None without images, or if not known
-    charts: dict[str, Any] | None  # settings of `fit-charts`; None without touch
+    charts: dict[str, Any] | None  # settings of `fit-charts`; None without touch charts
     diagonals: tuple[float, float] | None = None  # of the smallest and largest object that it learned from, m; None if not known
+    gels: tuple[float, float] | None = None  # least and greatest width of a gel over its object's diagonal; None for touch charts
 
     @model_validator(mode="after")
     def _of_its_inputs(self) -> Self:
-        image, touch = self.network.image is not None, self.network.touch
+        image, charts = self.network.image is not None, self.network.takes_charts
         camera = image and self.network.image != "rendering"  # each rendering has its own
-        if (self.camera is not None, self.resolution is not None, self.charts is not None) != (camera, image, touch):
-            raise ValueError("a network with an image has camera and resolution, one with touch has charts; the others have none")
+        if (self.camera is not None, self.resolution is not None, self.charts is not None) != (camera, image, charts):
+            raise ValueError("a network with an image has camera and resolution, one with touch charts has charts; others have none")
         return self
 
     @cached_property
@@ -136,8 +137,8 @@ class Reconstructor(ABC):
         """Reconstruct the surfaces of a batch of objects."""
         surfaces = self._surfaces(observations)
         for number, observation in enumerate(observations):
-            if observation.scale != 1:  # back to the size of the object
-                motion = scaling_about(self.config.centre, 1 / observation.scale)
+            if observation.scale != 1 or observation.turn:  # back to where the object is, in its size
+                motion = invert_similarity(observation.placement(self.config.centre))
                 surfaces[number] = replace(surfaces[number], vertices=transform_points(motion, surfaces[number].vertices))
         return surfaces
 
@@ -145,7 +146,7 @@ class Reconstructor(ABC):
     def _surfaces(self, observations: Sequence[Observation]) -> list[Reconstruction]:
         """Compute the reconstructions of a batch, of objects as large as those that the network learned from."""
 
-    def _batch(self, observations: Sequence[Observation]) -> NetworkBatch:
+    def _batch(self, observations: Sequence[Observation]) -> Any:  # `ChartBatch` or `PointBatch`
         """Stack observations, whose images must be as large as those of the training."""
         like = next(self.network.parameters())
         camera = None if self.trained.camera is None else torch.tensor(self.trained.camera, dtype=torch.float64, device=like.device)
@@ -153,8 +154,8 @@ class Reconstructor(ABC):
         trained = list(self.trained.resolution or ())
         if batch.images is not None and list(batch.images.shape[2:]) != trained:
             raise InvalidInput(
-                f"{self.trained.configuration} was trained on images of {trained} pixels, these have {list(batch.images.shape[2:])}: set "
-                "render-vision.resolution to the former, or train on these"
+                f"{self.trained.configuration} was trained on images of {trained} pixels, these have {list(batch.images.shape[2:])}: "
+                "train on these"
             )
         return batch
 
@@ -185,7 +186,7 @@ class DeformationReconstructor(Reconstructor):
 def assemble_surfaces(
     network: DeformationNetwork,
     deformed: Tensor,  # (B, V, 3) vertices of the vision charts, world, m
-    batch: NetworkBatch,  # gives the touch charts
+    batch: ChartBatch,  # gives the touch charts
 ) -> Iterator[tuple[Tensor, Tensor]]:  # (V, 3) vertices, world, m, and (F, 3) faces, of each item
     """Join the vision charts of each item and the charts of its successful touches."""
     vision_faces = torch.tensor(network.charts.faces, device=deformed.device)
@@ -263,11 +264,17 @@ def join_vision_charts(
 def close_reconstruction(
     reconstruction: Reconstruction,
     resolution: int = RESOLUTION,  # edges along the longest side of the surface's box, 64 or more
-    observation: Observation | None = None,  # gives an implicit network's touch charts
+    observation: Observation | None = None,  # gives the touches of an implicit network
 ) -> tuple[NDArray[np.float64], NDArray[np.integer]]:  # vertices (V, 3) m, faces (F, 3)
-    """Make one closed, smooth mesh of a reconstruction, through the vertices of touch charts; see `closed_surface`."""
-    _, faces = chart_square(reconstruction.side)
-    charts = reconstruction.vertices[reconstruction.vision :] if observation is None else observation.touch_vertices[observation.touched]
-    charts = charts.reshape(-1, reconstruction.side**2, 3)
-    vertices, closed_faces = closed_surface(*join_vision_charts(reconstruction), charts, faces.numpy(), resolution=resolution)
+    """Make one closed, smooth mesh of a reconstruction, through touched points; see `closed_surface`."""
+    charts: Sequence[NDArray[Any]] = [*reconstruction.vertices[reconstruction.vision :].reshape(-1, reconstruction.side**2, 3)]
+    felt: list[tuple[NDArray[Any], NDArray[Any]]] = []
+    if observation is not None:
+        touches = [touch for touch in observation.touches if touch.touched]
+        charts = [touch.chart.astype(np.float64) for touch in touches if touch.chart is not None]
+        felt = [(touch.points, touch.normals) for touch in touches if touch.chart is None]
+    faces = chart_square(reconstruction.side)[1].numpy()
+    felt += [(chart, -vertex_normals(chart, faces)) for chart in charts]
+    points, normals = (np.concatenate([np.zeros((0, 3)), *values]) for values in (zip(*felt, strict=True) if felt else ((), ())))
+    vertices, closed_faces = closed_surface(*join_vision_charts(reconstruction), points, normals, resolution=resolution)
     return vertices, np.asarray(closed_faces, np.int64)

@@ -11,6 +11,7 @@ from pipeline.entries import Entries
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.formats.file_content import read_file
+from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL
 from pipeline.models.families import ROWS, model_record, trained_models
 from pipeline.models.model_files import DESCRIPTION
 from pipeline.store.storage import Location, as_location
@@ -22,6 +23,7 @@ SENSORS = "sensors"
 DEFAULT = "implicit-any"  # the network that reconstructs if none is named
 CARD = "{}.card.yaml"
 MAX_BYTES = 2**16  # largest size of a card
+UNLIKE = 1.25  # ratio of sizes beyond which objects, and gels beside them, are unlike those of a training or measurement
 
 
 class TrainedOn(Entries):
@@ -37,6 +39,8 @@ class Error(Entries):
     objects: int = Field(ge=1)
     mean: float = Field(ge=0)
     median: float = Field(ge=0)
+    mm: float | None = Field(default=None, ge=0)  # mean distance, in the objects' own size
+    diagonals: tuple[float, float] = (DIAGONAL, DIAGONAL)  # of the smallest and largest of them, m
 
 
 class ModelCard(Entries):
@@ -48,9 +52,21 @@ class ModelCard(Entries):
     trained_on: tuple[TrainedOn, ...] = Field(min_length=1)  # the sources of these, with their licences
     commit: str  # of the code that trained it
     command: str
-    # of other objects, by row of the tables (inputs) and class; `all` is every object
+    # of other objects, by row of the tables (inputs) and class; `all` is every object, `0.1 to 0.2 m` those of such diagonals
     errors: dict[str, dict[str, Error]]
     not_for: str  # uses that it is not meant for
+
+    def error_of(self, row: str, diagonal: float | None) -> Error | None:
+        """Find the error of a row on objects of a size, m, or of any; None if none of such a size were measured."""
+        errors = self.errors.get(row, {})
+        of_classes = [errors["all"]] if "all" in errors else []
+        of_classes += [error for name, error in errors.items() if name.endswith(" m")]
+        return next((error for error in reversed(of_classes) if diagonal is None or is_like(diagonal, error.diagonals)), None)
+
+
+def is_like(diagonal: float, sizes: tuple[float, float]) -> bool:
+    """Check whether an object of a diagonal is about as large as others of a range of diagonals."""
+    return sizes[0] / UNLIKE <= diagonal <= sizes[1] * UNLIKE
 
 
 def shipped_models() -> Path:

@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -23,12 +24,16 @@ from pipeline.kernels.tensors import COLOURS, network_input
 from pipeline.kernels.touch.depth_maps import gel_surface, gel_top
 from pipeline.kernels.touch.elastic_contact import PressedGel
 from pipeline.kernels.touch.sensor import MM, Sensor, masked_points, resample, sensor_differences
+from pipeline.kernels.touch.surface_contact import contact_margin
 from pipeline.models.model_files import load_network, read_description, save_model, unusable
+from pipeline.models.shipped_weights import shipped_sensor_network
 
 UNTOUCHED = "untouched.png"
 IMAGES_AT_ONCE = 32  # tactile images in one batch: at Table 5's width about half a GB of features
 SIDES_TOLERANCE = 0.03
 """Largest relative difference between the aspect ratios of photographs and sensor: pixels may not be quite square."""
+SAME_IMAGES = {"rows": True, "cols": True, "gel": {"modulus", "friction"}}
+"""Entries that may differ from the sensor of a network that was not named: they change neither images nor indentation."""
 MAY_DIFFER = {name: True for name in ("rows", "cols", "range", "membrane", "gel", "noise")} | {"calibrated": {"background"}}
 """Entries that may differ from a local network's sensor: pixels, range, background and noise, and how soft the gel is."""
 
@@ -43,7 +48,7 @@ class _Description(Entries):
     @model_validator(mode="after")
     def _has_a_threshold(self) -> "_Description":
         if (self.network == "unet") == (self.mask_threshold is None):
-            raise ValueError(f"mask_threshold is {self.mask_threshold}; a U-Net has one, and a local network finds contact itself")
+            raise ValueError(f"mask_threshold is {self.mask_threshold}; a U-Net has one, and a local network none")
         return self
 
 
@@ -77,6 +82,19 @@ def load_touch_model(folder: Path, device: torch.device | str) -> "TouchModel":
         return LocalTouchModel(local, description.sensor, untouched)
     unet = load_network(folder, lambda: UNet(description.width), device)
     return UnetTouchModel(unet, description.sensor, untouched, description.mask_threshold)
+
+
+@lru_cache(maxsize=8)
+def shipped_touch_model(sensor: Sensor, device: torch.device | str) -> "LocalTouchModel":
+    """Load the pretrained network for a sensor's photographs; raise an `InvalidInput` if there is none."""
+    remedy = "read them with `read-touch` and a network for it, and give NAME-depth.png and NAME-contact.png as depth and contact"
+    folder = shipped_sensor_network(sensor.name)
+    if folder is None:
+        raise InvalidInput(f"no pretrained network reads photographs of sensor {sensor.name}: {remedy}")
+    model = load_touch_model(folder, device)
+    assert isinstance(model, LocalTouchModel)
+    model.check_description(sensor, f"the pretrained network for {sensor.name}", f"the given {sensor.name}", remedy)
+    return model
 
 
 @dataclass(frozen=True)
@@ -171,10 +189,12 @@ class LocalTouchModel(TouchModel):
             for first in range(0, max(len(images), 1), IMAGES_AT_ONCE):  # an empty batch is read too
                 change = without_drift(self._resized(images[first : first + IMAGES_AT_ONCE], parameter) - untouched_levels)
                 shape = self.network(change, position, pitch)
-                maps = torch.stack([shape.depth.clamp(min=0) / MM, shape.contact], dim=1)
-                batches.append(interpolate(maps, size=images.shape[1:3], mode="bilinear").cpu())
-        depth, contact = torch.cat(batches).unbind(dim=1)
-        return PressedGel(depth.float().numpy(), (contact > 0).numpy())
+                depth = (shape.depth.clamp(min=0) / MM).cpu()
+                margins = [contact_margin(surface, self.sensor.pitch, self.sensor.layer_thickness) for surface in depth.double().numpy()]
+                maps = torch.stack([depth, torch.tensor(np.array(margins)).reshape(depth.shape).to(depth)], dim=1)
+                batches.append(interpolate(maps, size=images.shape[1:3], mode="bilinear"))
+        indentation, margin = torch.cat(batches).unbind(dim=1)
+        return PressedGel(indentation.float().numpy(), (margin > 0).numpy())
 
     def read_motion(
         self,
@@ -202,6 +222,11 @@ class LocalTouchModel(TouchModel):
         reading = self.read(images)
         gel_at_rest = gel_surface(resample(self.sensor, *images.shape[1:3]))
         return np.maximum(gel_at_rest - reading.indentation, 0).astype(np.float32), reading.contact
+
+    def check_description(self, sensor: Sensor, network: str, what: str, remedy: str) -> None:
+        """Raise an `InvalidInput` if photographs of the sensor, as it is described, are not like those of the training."""
+        if differing := sensor_differences(self.sensor, sensor, but_for=SAME_IMAGES):
+            raise InvalidInput(f"{network} was trained for another sensor than {what}: {', '.join(differing)} differ; {remedy}")
 
     def _resized(self, images: np.ndarray, parameter: Tensor) -> Tensor:
         """Average (…, H, W, 3) images to the network's pixels: (B, 3, rows, cols), levels."""

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from pipeline.console import abbreviate
 from pipeline.formats.urdf_shapes import PRIMITIVES
 from pipeline.kernels.arrays import Array
+from pipeline.kernels.hand.convex_shapes import shrunken_hull
 from pipeline.kernels.hand.model import Hand, Inertial, Joint, Link
 from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.sensor import Sensor
@@ -35,6 +36,7 @@ def write_hand_urdf(
     sensors: Sequence[Sensor] = (),
     *,
     rotors: bool = False,  # whether links that joints move have the inertia of `ARMATURE`, and its weight where they slide
+    margin: float = 0.0,  # m, by which the engine thickens convex meshes: they are written as much smaller
 ) -> Path:
     """Write a hand's URDF and its collision meshes, as convex OBJ files, into a folder.
 
@@ -50,7 +52,7 @@ def write_hand_urdf(
             body = replace(body, mass=body.mass + ARMATURE[kind])
         else:
             turning = max(turning, ARMATURE.get(kind, 0.0))
-        _add_link(robot, link, folder / f"link-{number}", body, rotors=turning)
+        _add_link(robot, link, folder / f"link-{number}", body, rotors=turning, margin=margin)
     for joint in hand.joints:
         _add_joint(robot, joint, hand)
     for number, sensor in enumerate(sensors):
@@ -89,7 +91,7 @@ def gel_name(number: int) -> str:
     return f"gel of sensor {number}"
 
 
-def _add_link(robot: Element, link: Link, stem: Path, body: Inertial, *, rotors: float) -> None:
+def _add_link(robot: Element, link: Link, stem: Path, body: Inertial, *, rotors: float, margin: float) -> None:
     element = SubElement(robot, "link", name=link.name)
     xx, xy, xz, yy, yz, zz = body.moments or ()
     _add_inertial(element, replace(body, moments=(xx + rotors, xy, xz, yy + rotors, yz, zz + rotors)))  # about all axes: no body has one
@@ -101,7 +103,8 @@ def _add_link(robot: Element, link: Link, stem: Path, body: Inertial, *, rotors:
             import trimesh  # takes half a second, which hands of boxes save
 
             path = stem.with_name(f"{stem.name}-{number}.obj")
-            trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False).convex_hull.export(path)
+            mesh = shrunken_hull(shape.mesh, margin) if margin else shape.mesh
+            trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).convex_hull.export(path)
             SubElement(geometry, "mesh", filename=str(path))
         else:
             _add_origin(collision, shape.origin, shape.rpy)

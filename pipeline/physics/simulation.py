@@ -43,7 +43,7 @@ GEAR_ERP, CHAIN_ERP = 0.5, 5.0
 """Correction of a gear's error, of which Bullet takes a fifth per step: between two branches; and in one chain, all of it at once.
 
 At a tenth per step, a joint that follows one further up its own finger sags under its links' weight by more than `GEAR_SLACK`."""
-HULL_MARGIN = 0.001  # m by which Bullet thickens the convex shapes of a URDF
+HULL_MARGIN = 0.001  # m by which Bullet thickens the convex meshes of a URDF, whatever `changeDynamics` is told
 GEAR_SLACK = 0.01  # rad by which a following joint may be off when the fingers rest: 0.5 mm at the end of 50 mm
 TREMOR, TREMOR_STEPS = 0.005, 48
 """rad within which the joints of a hand with gears may tremble, and steps of 1/240 s that they stay there, to count as resting.
@@ -87,6 +87,7 @@ class HandBody:
     def __init__(self, client: PhysicsClient, hand: Hand, urdf: Path) -> None:
         self.client, self.hand = client, hand
         flags = pybullet.URDF_USE_SELF_COLLISION | pybullet.URDF_IGNORE_VISUAL_SHAPES | pybullet.URDF_USE_INERTIA_FROM_FILE
+        flags |= pybullet.URDF_USE_IMPLICIT_CYLINDER  # else a hull, with its margin
         self.body = client.loadURDF(str(urdf), useFixedBase=True, flags=flags)
         infos = [client.getJointInfo(self.body, joint) for joint in range(client.getNumJoints(self.body))]
         self.numbers = {hand.links[0].name: -1} | {info[12].decode(): info[0] for info in infos}  # by the link that each moves
@@ -194,7 +195,8 @@ class HandPhysics:
     def _open(self) -> None:
         self.client = PhysicsClient()
         self._opened.callback(lambda: self.client.disconnect())  # reading the attribute here would make the client forget its number
-        self._urdf = write_hand_urdf(self.hand, self._opened.enter_context(temporary_folder()), self.sensors, rotors=self.elastic)
+        folder = self._opened.enter_context(temporary_folder())
+        self._urdf = write_hand_urdf(self.hand, folder, self.sensors, rotors=self.elastic, margin=HULL_MARGIN)
         self._body: HandBody
 
     def __enter__(self) -> Self:

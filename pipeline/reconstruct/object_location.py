@@ -4,17 +4,20 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_erosion
+from scipy.ndimage import binary_dilation, binary_erosion
 
 from pipeline.kernels.geometry.transforms import pose_of
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.view_transfer import camera_direction, moved_projection, optical_centre, split_projection
+from pipeline.models.foreign_data import learned_sizes, same_gel
 from pipeline.models.reconstruction import Trained
 from pipeline.reconstruct.observation_file import RobotObservation
+from pipeline.reconstruct.observed_touch import ObservedTouch
 
 BY_DEPTH = "estimated from depth and mask"
 FEW = 10  # pixels with a depth below which an object is not located by them
-OUTLIERS = 1.0  # percentage of the points at each side of a box around them that are ignored: some depths are wrong
+RIM, SECTORS = 3, 24  # pixels across the rim of the visible part, and parts of it around the middle
+OUTLIERS = 0.5  # percentage of the points at each side of a box around them that are ignored: some depths are wrong
 
 
 class Target(Trained):
@@ -22,10 +25,14 @@ class Target(Trained):
 
     sensor: Sensor | None = None  # of the network beside it that reads tactile images; None without one
 
+    def is_charted(self, touch: ObservedTouch, sensor: Sensor) -> bool:
+        """Whether a touch becomes a touch chart, as in the network's training: it is a photograph by a sensor with the same gel."""
+        return self.network.takes_charts and touch.tactile_image is not None and (self.sensor is None or same_gel(self.sensor, sensor))
+
     @property
     def size(self) -> float:
         """The middle, on a scale of ratios, of the sizes of the objects that the network learned from, m."""
-        return 2 * self.network.radius if self.diagonals is None else float(np.sqrt(np.prod(self.diagonals)))
+        return float(np.sqrt(np.prod(learned_sizes(self))))
 
 
 @dataclass(frozen=True)
@@ -68,28 +75,50 @@ def find_object(observation: RobotObservation, target: Target | None) -> ObjectB
 def _visible_box(observation: RobotObservation, target: Target | None) -> tuple[NDArray[np.float64], float] | None:
     """Estimate the centre and diagonal by a depth image.
 
-    It is the box around the visible points and the same points moved backwards: what is hidden is taken to be as thick as what is visible
-    along its thinnest axis. For a ball, its middle is a quarter of the radius from the true one; `python -m benchmarks.observed_sizes`
-    measures it for others.
+    It is the box around the visible points and the same points mirrored about the object's middle: what is hidden is taken to be like what
+    is visible. The middle is seen in the middle of the visible part. Opposite parts of the rim of a body that is symmetric about its middle
+    are as far away on average as that is; `python -m benchmarks.observed_sizes` measures what it is for others.
     """
     view = observation.view
     if view is None or view.camera.metres is None or view.camera.measured is None:
         return None
-    metres, measured, sides = view.camera.metres, view.camera.measured, [OUTLIERS, 100 - OUTLIERS]
-    if (inner := binary_erosion(measured)).sum() >= FEW:  # at the rim cameras mix depths with those behind
+    camera, metres, measured, sides = view.camera, view.camera.metres, view.camera.measured, [OUTLIERS, 100 - OUTLIERS]
+    inner = binary_erosion(measured)  # at the rim cameras mix depths with those behind
+    if inner.sum() >= FEW:
         near, far = np.percentile(metres[inner], sides)
         measured = measured & (np.abs(metres - (near + far) / 2) <= 1.5 * (far - near))
     if measured.sum() < FEW:
         return None
     row, col = np.nonzero(measured)
-    k, depth = view.camera.intrinsics, metres[measured]
-    seen = np.column_stack([(col + 0.5 - k.cx) / k.fx * depth, (row + 0.5 - k.cy) / k.fy * depth, depth])  # camera frame, as OpenCV's
-    rotation, thinnest = split_projection(view.matrix)[1], np.linalg.eigh(np.cov(seen.T))[1][:, 0]
-    points, behind = optical_centre(view.matrix) + seen @ rotation, rotation[2] * float(np.ptp(np.percentile(seen @ thinnest, sides)))
+    k, depth = camera.intrinsics, metres[measured]
+    rays = np.column_stack([(col + 0.5 - k.cx) / k.fx, (row + 0.5 - k.cy) / k.fy, np.ones(len(depth))])  # camera frame, as OpenCV's
+    middle = np.percentile(rays, sides, axis=0).mean(axis=0)
+    beside = camera.object_pixels if camera.hand_mask is None else camera.object_pixels | camera.hand_mask
+    rim = (inner & binary_dilation(~beside, iterations=RIM))[measured]
+    away = _rim_depth(rays - middle, depth, rim if rim.any() else np.full(len(depth), True))
+    rotation, centre = split_projection(view.matrix)[1], optical_centre(view.matrix)
+    points, middle = centre + depth[:, None] * rays @ rotation, centre + away * middle @ rotation
     axes = network_axes(observation, target, points.mean(axis=0))
-    low, high = np.percentile(points @ axes.T, sides, axis=0)
-    low, high = np.minimum(low, low + axes @ behind), np.maximum(high, high + axes @ behind)
-    return (low + high) / 2 @ axes, float(np.linalg.norm(high - low))
+    low, high = np.percentile(np.concatenate([points, 2 * middle - points]) @ axes.T, sides, axis=0)
+    return middle, float(np.linalg.norm(high - low))
+
+
+def _rim_depth(
+    across: NDArray[np.float64],  # (N, 3) from the middle of the visible part, m per m of depth
+    depth: NDArray[np.float64],  # (N,) m
+    rim: NDArray[np.bool_],  # (N,)
+) -> float:
+    """Average the greatest depths of opposite parts of a rim, of those that are both seen.
+
+    A ball's rim lies nearer than its middle, by the squared radius over the distance; that is added for every body.
+    """
+    across, depth = across[rim], depth[rim]
+    sector = ((np.arctan2(across[:, 1], across[:, 0]) / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
+    farthest = np.full(SECTORS, -np.inf)
+    np.maximum.at(farthest, sector, depth)
+    pairs = (farthest + np.roll(farthest, SECTORS // 2))[: SECTORS // 2] / 2
+    away = float(np.median(pairs[np.isfinite(pairs)]) if np.isfinite(pairs).any() else depth.mean())
+    return away * (1 + float(np.linalg.norm(across, axis=1).mean()) ** 2)
 
 
 def network_axes(
@@ -105,9 +134,9 @@ def network_axes(
     upright = turn_to_z(np.array(observation.up))
     if observation.view is None or target is None or target.projection is None:
         return upright
-    motion = pose_of(upright, -upright @ point)
-    azimuth = camera_direction(moved_projection(observation.view.matrix, motion), np.zeros(3)).azimuth
-    angle = camera_direction(target.projection, np.array(target.network.centre)).azimuth - azimuth
+    centre = np.array(target.network.centre)
+    camera = moved_projection(observation.view.matrix, pose_of(upright, centre - upright @ point))
+    angle = np.radians(target.learned_direction(camera)[0]) - camera_direction(camera, centre).azimuth
     cosine, sine = np.cos(angle), np.sin(angle)
     return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]]) @ upright
 

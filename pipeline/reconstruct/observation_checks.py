@@ -6,20 +6,26 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.console import pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import with_entries
 from pipeline.kernels.geometry.transforms import invert_pose
 from pipeline.kernels.networks.network_configurations import ImageKind, NetworkInputs
+from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.photograph_faults import photograph_faults, untouched_faults
+from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.view_transfer import optical_centre
+from pipeline.models.foreign_data import SIZE_TOLERANCE, same_gel
+from pipeline.models.touch_model import SIDES_TOLERANCE, shipped_touch_model
 from pipeline.reconstruct.object_location import BY_DEPTH, FEW, ObjectBox, Target, find_object
 from pipeline.reconstruct.observation_file import RobotObservation, View, read_observation
+from pipeline.reconstruct.observed_touch import ObservedTouch
 
 FARTHEST, NEAREST = 10.0, 0.01
 """m: largest coordinate of a pose, and least distance of a camera from the object's centre."""
-SIZE_TOLERANCE = 0.02  # relative difference of sensors, and of the sides of tactile images, that is taken for rounding
+OF_POINTS = "implicit networks, such as the pretrained one, take touches of any sensor as points; or train one with this sensor"
 UNMEASURED = (
     "camera.depth is 0 or not finite wherever camera.mask shows the object, and camera.hand_mask no robot: register it to the photograph, "
     "and check that no mask is inverted"
@@ -95,14 +101,24 @@ def _examine(observation: RobotObservation, target: Target | None) -> tuple[Obje
 
 
 def _altered_photographs(observation: RobotObservation) -> Iterator[Fault]:
-    """Yield tactile images that do not look like the sensor's, or like the untouched one."""
-    if observation.sensor is None or observation.accept_photographs:
+    """Yield tactile images that do not look like their sensors', or like the untouched ones."""
+    if observation.accept_photographs:
         return
-    texts = [] if observation.untouched is None else untouched_faults(observation.untouched, observation.sensor)
-    for number, touch in enumerate(observation.touches if not texts else ()):  # else they may differ from it as they should
-        texts += photograph_faults(touch.tactile_image, observation.untouched, observation.sensor, observation.name_of(number))
+    untouched = {id(image): (image, observation.sensor_of(n)) for n, image, _ in _photographs(observation) if image is not None}
+    if observation.untouched is not None and observation.sensor is not None:
+        untouched |= {id(observation.untouched): (observation.untouched, observation.sensor)}
+    texts = [text for image, sensor in untouched.values() for text in untouched_faults(image, sensor)]
+    for n, image, photograph in _photographs(observation) if not texts else ():  # else they may differ from it as they should
+        texts += photograph_faults(photograph, image, observation.sensor_of(n), observation.name_of(n))
     if texts:
         yield Fault(f"{'; '.join(texts)}; if these photographs are right as they are, add accept_photographs: true")
+
+
+def _photographs(observation: RobotObservation) -> Iterator[tuple[int, NDArray[np.uint8] | None, NDArray[np.uint8]]]:
+    """Yield the number of each touch with a tactile image, the untouched image, and the tactile image."""
+    for number, touch in enumerate(observation.touches):
+        if touch.tactile_image is not None:
+            yield number, observation.untouched_of(number), touch.tactile_image
 
 
 def _unsuited_inputs(observation: RobotObservation, target: Target) -> Iterator[Fault]:
@@ -114,20 +130,40 @@ def _unsuited_inputs(observation: RobotObservation, target: Target) -> Iterator[
         yield Fault(f"{model} needs a photograph: add the entry camera", ("camera",))
     if inputs.touch and not observation.touches and not observation.is_felt:  # touches may all be stated to be none
         yield Fault(f"{model} needs touches: add the entry touches", ("touches",))
-    ours, theirs = target.sensor, observation.sensor
-    if not inputs.touch or not observation.touches or ours is None or theirs is None:
-        return
-    sizes = [(sensor.width, sensor.height, sensor.w) for sensor in (theirs, ours)]
-    if not np.allclose(sizes[0], sizes[1], rtol=SIZE_TOLERANCE, atol=0):
-        observed, trained = (f"{1e3 * width:.4g} x {1e3 * height:.4g} mm with a gel of {1e3 * w:.4g} mm" for width, height, w in sizes)
-        yield Fault(
-            f"sensor {theirs.name} has {observed}, the model's {ours.name} {trained}: "
-            "give photographs by such a sensor, or train a model with this one"
-        )
-    rows, cols = observation.touches[0].tactile_image.shape[:2]
-    if abs(cols / rows / (ours.cols / ours.rows) - 1) > SIZE_TOLERANCE:
-        size = f"{cols} x {rows} pixels, another shape than the model's {ours.cols} x {ours.rows}"
-        yield Fault(f"tactile images have {size}: crop them to the gel")
+    if inputs.touch:
+        names_by_text: dict[str, list[str]] = {}
+        for number in range(len(observation.touches)):
+            if text := _unsuited_touch(observation.touches[number], observation.sensor_of(number), target):
+                names_by_text.setdefault(text, []).append(observation.name_of(number))
+        yield from (Fault(f"{', '.join(names)}: {text}") for text, names in names_by_text.items())
+
+
+def _unsuited_touch(touch: ObservedTouch, sensor: Sensor, target: Target) -> str | None:
+    """Say what keeps a touch from being given: a network of charts, no network that reads its photograph, or another shape."""
+    ours = target.sensor if target.sensor is not None and same_gel(target.sensor, sensor) else None
+    if target.network.takes_charts and not target.network.of_points and not target.is_charted(touch, sensor):
+        known = target.sensor
+        size = "" if known is None else f" by {known.name}, {1e3 * known.width:.4g} x {1e3 * known.height:.4g} mm"
+        given = f"a photograph by {sensor.name}" if touch.tactile_image is not None else "depth or points"
+        return f"model {target.configuration} takes touch charts of photographs{size}, and not {given}: {OF_POINTS}"
+    if touch.tactile_image is not None:
+        rows, cols = touch.tactile_image.shape[:2]
+        if ours is not None and abs(cols / rows / (ours.cols / ours.rows) - 1) > SIZE_TOLERANCE:
+            size = f"{cols} x {rows} pixels, another shape than the model's {ours.cols} x {ours.rows}"
+            return f"tactile images have {size}: crop them to the gel"
+        if ours is None and target.network.of_points:
+            try:
+                shipped_touch_model(sensor, "cpu").check_sides(rows, cols, sensor.pitch[0] / sensor.pitch[1])
+            except InvalidInput as error:
+                return str(error)
+    if touch.depth is not None:
+        rows, cols = touch.depth.shape
+        if not np.isclose(cols / rows, sensor.cols / sensor.rows, rtol=SIDES_TOLERANCE):
+            return f"depth has {cols} x {rows} pixels, another shape than {sensor.name}'s {sensor.cols} x {sensor.rows}: crop it to the gel"
+        if touch.depth.max() > (top := gel_top(sensor)):
+            depth = f"{1e3 * touch.depth.max():.3g} mm, but the gel of {sensor.name} is {1e3 * top:.3g} mm high"
+            return f"depth is up to {depth}: give how deep the gel is pressed in, in m, not the distance from its base"
+    return None
 
 
 def _distant_positions(observation: RobotObservation) -> Iterator[Fault]:
@@ -171,8 +207,9 @@ def _misplaced(observation: RobotObservation, box: ObjectBox, target: Target | N
         reason = f"model {target.configuration} looks for the object within {limit:.3g} m of it"
     else:
         return
-    margin = 0.0 if (sensor := observation.sensor) is None else float(np.hypot(sensor.width, sensor.height)) / 2 + sensor.w
     for number, distance in enumerate(np.linalg.norm(observation.gel_centres - box.centre, axis=1)):
+        sensor = observation.sensor_of(number)
+        margin = float(np.hypot(sensor.width, sensor.height)) / 2 + sensor.w
         if observation.shown_touches[number] and distance > limit + margin:
             where = f"{distance:.3g} m from the object's centre ({box.source}), but {reason}"
             scale = " and camera.depth_scale" if box.source == BY_DEPTH else ""

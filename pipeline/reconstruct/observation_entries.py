@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.entries import Entries
 from pipeline.formats.description_file import shipped_files
-from pipeline.formats.image_file import read_depth, read_image, read_mask
+from pipeline.formats.image_file import read_depth, read_gel_depth, read_image, read_mask
+from pipeline.formats.ply import read_points
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.transforms import rotation_from_euler
 from pipeline.kernels.touch.sensor import Sensor
@@ -65,6 +66,8 @@ _FILE = WithJsonSchema({"type": "file"})
 Image = Annotated[NDArray[np.uint8], _array_from(read_image, "uint8 (rows, cols, 3)"), _FILE]
 Mask = Annotated[NDArray[np.bool_], _array_from(read_mask, "bool (rows, cols)"), _FILE]
 Depth = Annotated[NDArray[Any], _array_from(read_depth, "uint16 or float32 (rows, cols)"), _FILE]
+GelDepth = Annotated[NDArray[np.float64], _array_from(read_gel_depth, "floats (rows, cols), m"), _FILE]
+Points = Annotated[NDArray[np.float64], _array_from(read_points, "floats (N, 6), m"), _FILE]
 _SENSOR = _from_file(_read_sensor, Sensor, "the name of a built-in sensor, or of a sensor file")
 SensorName = Annotated[Sensor, _SENSOR, WithJsonSchema({"type": "name"})]
 

@@ -14,6 +14,8 @@ from pipeline.console import pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import entry_names, invalid_entries, read_yaml, with_entries
 from pipeline.formats.file_units import METRES
+from pipeline.kernels.geometry.transforms import transform_points
+from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import foreground
 from pipeline.reconstruct.observation_entries import (
@@ -27,6 +29,7 @@ from pipeline.reconstruct.observation_entries import (
     check_array,
     size_text,
 )
+from pipeline.reconstruct.observed_touch import ObservedTouch
 
 MAX_TOUCHES = 256
 CHANGED, CONTACT_SHARE = 8, 0.5
@@ -74,7 +77,7 @@ class ObservedCamera(ObservationEntries):
     depth_scale: float = Field(default=1e-3, gt=0, le=1, description="m per level of a 16-bit depth image; 0.001 for mm")
     depth_as_touch: bool = Field(
         default=False,
-        description="give the visible points of `depth` as touched, to networks with touch: for depth right to 2 mm; needs `mask`",
+        description="give visible points of `depth` as touched, to networks with touch: for errors up to 0.4 % of its size; needs `mask`",
     )
 
     @model_validator(mode="after")
@@ -127,17 +130,6 @@ class View:
         return bool(((pixel >= 0) & (pixel < [cols, rows])).all())  # NaN behind the camera is not
 
 
-class ObservedTouch(ObservationEntries):
-    """A tactile image and the pose of its sensor."""
-
-    tactile_image: Image = Field(description="8-bit RGB photograph by the sensor's camera, +x along columns, +y along rows")
-    pose: Pose = Field(description="sensor frame to the file's frame: origin in the middle of the gel's base, +z out of the gel")
-    touched: bool | Literal["auto"] = Field(
-        default="auto", description="whether the sensor touches; `auto`: if the image differs from the untouched one"
-    )
-    name: str | None = Field(default=None, max_length=100, description="for messages: `index`, `thumb`")
-
-
 class RobotObservation(ObservationEntries):
     """A robot's observation of one static object, in one frame (e.g. its base)."""
 
@@ -156,7 +148,7 @@ class RobotObservation(ObservationEntries):
     touches: tuple[ObservedTouch, ...] = Field(
         default=(),
         max_length=MAX_TOUCHES,
-        description=f"touches, at most {MAX_TOUCHES}; needed by networks with touch, unless `depth_as_touch`",
+        description=f"touches of any sensors, at most {MAX_TOUCHES}; needed by networks with touch, unless `depth_as_touch`",
     )
 
     def __init__(self, **entries: Any) -> None:
@@ -170,15 +162,19 @@ class RobotObservation(ObservationEntries):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        if self.touches and self.sensor is None:
+        if self.sensor is None and any(touch.sensor is None for touch in self.touches):
             raise ValueError("touches need the entry sensor: a built-in sensor's name, or a sensor file")
         if not any(self.up):
             raise ValueError("up is the zero vector; it must point against gravity")
-        images = [(self.name_of(number), touch.tactile_image) for number, touch in enumerate(self.touches)]
-        images += [] if self.untouched is None else [("untouched", self.untouched)]
-        for name, image in images:
+        images = [(self.sensor_of(n).name, self.name_of(n), touch.tactile_image) for n, touch in enumerate(self.touches)]
+        images += [(self.sensor_of(n).name, f"{self.name_of(n)}: untouched", touch.untouched) for n, touch in enumerate(self.touches)]
+        images += [] if self.sensor is None else [(self.sensor.name, "untouched", self.untouched)]
+        firsts: dict[str, tuple[str, str]] = {}  # by sensor
+        for sensor, name, image in images:
+            if image is None:
+                continue
             check_array(name, image, np.uint8, 3)
-            first, size = images[0][0], size_text(images[0][1])
+            first, size = firsts.setdefault(sensor, (name, size_text(image)))
             if size_text(image) != size:
                 raise ValueError(f"{name} has {size_text(image)} pixels, {first} {size}; give photographs by one kind of sensor")
         return self
@@ -196,15 +192,31 @@ class RobotObservation(ObservationEntries):
     @cached_property
     def shown_touches(self) -> NDArray[np.bool_]:
         """(T,): which touches count, as they are stated, or by their images' differences from the untouched one, if there is one."""
-        return np.array([self._shows(touch) for touch in self.touches], bool)
+        return np.array([self._shows(number) for number in range(len(self.touches))], bool)
 
-    def _shows(self, touch: ObservedTouch) -> bool:
-        if touch.touched != "auto" or self.untouched is None:
-            return touch.touched is not False
-        change = touch.tactile_image.astype(np.float32) - self.untouched
+    def _shows(self, number: int) -> bool:
+        touch, untouched = self.touches[number], self.untouched_of(number)
+        if touch.touched != "auto":
+            return touch.touched
+        if touch.tactile_image is None:
+            return touch.cloud is not None if touch.contact_pixels is None else bool(touch.contact_pixels.any())
+        if untouched is None:
+            return True
+        change = touch.tactile_image.astype(np.float32) - untouched
         side = max(3, round(SMOOTHED * min(change.shape[:2])))
         changes = np.abs(uniform_filter(change, (side, side, 1))).max(axis=2)
         return bool(np.percentile(changes, 100 - CONTACT_SHARE) >= CHANGED)
+
+    def sensor_of(self, number: int) -> Sensor:
+        """Choose a touch's sensor."""
+        sensor = self.touches[number].sensor or self.sensor
+        assert sensor is not None  # a validator checks it
+        return sensor
+
+    def untouched_of(self, number: int) -> NDArray[np.uint8] | None:
+        """Choose a touch's tactile image without contact: its own, or the observation's, which is of the observation's sensor."""
+        touch = self.touches[number]
+        return self.untouched if touch.untouched is None and touch.sensor is None else touch.untouched
 
     def name_of(self, number: int) -> str:
         """Name a touch for messages."""
@@ -234,8 +246,17 @@ class RobotObservation(ObservationEntries):
 
     @cached_property
     def gel_centres(self) -> NDArray[np.float64]:
-        """(T, 3) middles of the gels' fronts, m."""
-        return self.sensor_poses[:, :3, 3] + (self.sensor.w if self.sensor else 0.0) * self.sensor_poses[:, :3, 2]
+        """(T, 3) middles of the gels' fronts, or of given points, m."""
+        middles = [
+            [0, 0, self.sensor_of(n).w] if touch.cloud is None else touch.cloud[:, :3].mean(axis=0) for n, touch in enumerate(self.touches)
+        ]
+        return transform_points(self.sensor_poses, np.reshape(middles, (-1, 1, 3)))[:, 0]
+
+    @cached_property
+    def gel_normals(self) -> NDArray[np.float64]:
+        """(T, 3) directions out of the gels, by given points their mean normals."""
+        outward = [[0, 0, 1.0] if touch.cloud is None else touch.cloud[:, 3:].mean(axis=0) for touch in self.touches]
+        return np.asarray(np.einsum("tij,tj->ti", self.sensor_poses[:, :3, :3], np.reshape(outward, (-1, 3))))
 
     def __repr__(self) -> str:
         photograph = "a photograph" if self.camera else "no photograph"

@@ -24,8 +24,8 @@ def draw_observation(path: Path, picture: Path, target: Target) -> list[str]:
     checked = check(path, target)
     observation, box, placed = checked.observation, checked.box, place_observation(checked)
     outlines = np.zeros((0, 5, 3))  # of the gels' fronts, m
-    if observation.sensor is not None and observation.touches:
-        outlines = gel_squares(observation.sensor_poses, [observation.sensor] * len(observation.touches))[:, [0, 1, 2, 3, 0]]
+    if gels := [n for n, touch in enumerate(observation.touches) if touch.points is None]:
+        outlines = gel_squares(observation.sensor_poses[gels], [observation.sensor_of(n) for n in gels])[:, [0, 1, 2, 3, 0]]
     panels: list[Callable[[Axes], object]] = [partial(_draw_from, checked=checked, outlines=outlines, right=0, up=up) for up in (1, 2)]
     if observation.view is not None:
         panels.insert(0, partial(_draw_photograph, view=observation.view, box=box, outlines=outlines))
@@ -46,7 +46,7 @@ def _described(observation: RobotObservation, box: ObjectBox) -> Iterator[str]:
         yield f"camera: {pixels.shape[1]} x {pixels.shape[0]} pixels; {pixels.mean():.1%} of the photograph is the object"
     distances = np.linalg.norm(observation.gel_centres - box.centre, axis=1)
     for number, touch in enumerate(observation.touches):
-        touched = {True: "touches", False: "does not touch", "auto": "touches if its image shows so"}[touch.touched]
+        touched = {True: "touches", False: "does not touch", "auto": "touches if its image, depth or points show so"}[touch.touched]
         yield f"{observation.name_of(number)}: {touched}, {1e3 * distances[number]:.3g} mm from the object's centre"
 
 

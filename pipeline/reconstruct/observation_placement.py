@@ -1,33 +1,23 @@
 """Move a robot's observation to the world of a network's training, and its photograph to the training's camera."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from skimage.transform import resize
 
-from pipeline.kernels.charts.visible_charts import UNEVEN, WIDTH, visible_charts
+from pipeline.kernels.charts.visible_charts import WIDTH, visible_charts
 from pipeline.kernels.geometry.transforms import compose, invert_similarity, transform_points, unit_vectors
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.camera import project_points
-from pipeline.kernels.vision.view_transfer import (
-    background_color,
-    border,
-    camera_direction,
-    carried_camera,
-    moved_projection,
-    optical_centre,
-    split_projection,
-    transfer_view,
-)
+from pipeline.kernels.vision.view_transfer import background_color, border, moved_projection, optical_centre, split_projection
+from pipeline.models.foreign_data import learned_view, size_remarks
 from pipeline.reconstruct.object_location import ObjectBox, Target, network_axes
 from pipeline.reconstruct.observation_checks import CheckedObservation
 from pipeline.reconstruct.observation_file import ObservedCamera, RobotObservation, View
 
-UNLIKE, FAR_VIEW, MIN_SHOWN, INVERTED_MASK, FEW_PATCHES = 1.25, 10.0, 0.9, 0.5, 4
-"""Limits for warnings: ratio to the sizes of the training's objects; degrees between views; share of the training camera's image that the
-photograph shows; share of the border that a mask covers; and patches of the visible surface."""
+INVERTED_MASK, FEW_PATCHES = 0.5, 4  # share of the border that a mask covers, and patches of the visible surface, for warnings
 
 FACING_AWAY = -0.5
 """Cosine between a sensor's normal and the direction to the object's centre below which it faces away: the centre of a thin object may be
@@ -45,6 +35,7 @@ class Placement:
     # (rows, cols, 3): the photograph as the network's camera would have taken it from the same position; None for networks without images
     image: NDArray[np.uint8] | None
     camera: NDArray[np.float64] | None  # (3, 4) projection matrix of that
+    factor: float  # of that scale
     sensor_poses: NDArray[np.float64]  # (T, 4, 4) in the network's world, m, scaled as the object is
     visible_charts: NDArray[np.float32]  # (C, side², 3) network's world, m: the visible surface, where it is given as touched
     remarks: list[str]  # what was assumed, and what differs from the training
@@ -67,39 +58,43 @@ def place_observation(checked: CheckedObservation) -> Placement:
     factor = box.factor(target)
     to_network[:3, :3] = factor * network_axes(observation, target, box.centre)
     to_network[:3, 3] = centre - to_network[:3, :3] @ box.centre
-    image, camera, remarks = None, None, list(_size_remarks(box, target))
+    sensors = [observation.sensor_of(n) for n, is_shown in enumerate(observation.shown_touches) if is_shown and inputs.touch]
+    image, camera, remarks = None, None, list(_size_remarks(box, target, sensors))
     if view is not None and inputs.image is not None:
-        assert target.projection is not None
-        assert target.resolution is not None
         real = moved_projection(view.matrix, to_network)
-        camera = carried_camera(target.projection, real, centre)
         fill, photograph = _background(view.camera, target, hand_is_shown=inputs.image == "occluded")
-        image, shown_share = transfer_view(photograph, real, camera, target.resolution, fill)
-        remarks += _view_remarks(target, real, factor, shown_share)
+        learned = learned_view(target, photograph, real, fill, factor)
+        image, camera = learned.image, learned.camera
+        remarks += learned.remarks
         remarks += _mask_remarks(view, box, target, checked)
     charts: NDArray[np.float32] = np.zeros((0, inputs.side**2, 3), np.float32)
     if view is not None and view.camera.metres is not None and view.camera.depth_as_touch and inputs.touch:
         intrinsic, rotation = split_projection(view.matrix)
-        seen = visible_charts(view.camera.metres, view.camera.object_pixels, intrinsic, inputs.side) @ rotation
+        seen = visible_charts(view.camera.metres, view.camera.object_pixels, intrinsic, inputs.side, factor) @ rotation
         charts = transform_points(to_network, seen + optical_centre(view.matrix)).astype(np.float32)
-    remarks += _touch_remarks(checked, target, len(charts))
-    return Placement(checked, to_network, image, camera, compose(to_network, observation.sensor_poses), charts, remarks)
+    remarks += _touch_remarks(checked, target, len(charts), factor)
+    return Placement(checked, to_network, image, camera, factor, compose(to_network, observation.sensor_poses), charts, remarks)
 
 
 def network_tactile_images(
     observation: RobotObservation,
+    numbers: Sequence[int],  # of T touches with photographs by such a sensor
     sensor: Sensor,  # of the network
     untouched: NDArray[np.uint8],  # (rows, cols, 3), its image without contact
 ) -> NDArray[np.uint8]:  # (T, rows, cols, 3)
     """Resample an observation's tactile images to the pixels of a network's sensor.
 
-    Where the observation has an untouched image, its difference to the network's is subtracted.
+    Where a touch has an untouched image, its difference to the network's is subtracted.
     """
-    images = np.stack([_resampled(touch.tactile_image, sensor) for touch in observation.touches])
-    if observation.untouched is None:
-        return images
-    changed = images.astype(np.int16) - _resampled(observation.untouched, sensor)
-    return np.clip(untouched + changed, 0, 255).astype(np.uint8)
+    images = []
+    for number in numbers:
+        photograph, own = observation.touches[number].tactile_image, observation.untouched_of(number)
+        assert photograph is not None
+        image = _resampled(photograph, sensor)
+        if own is not None:
+            image = np.clip(image.astype(np.int16) - _resampled(own, sensor) + untouched, 0, 255).astype(np.uint8)
+        images.append(image)
+    return np.stack(images)
 
 
 def _resampled(image: NDArray[np.uint8], sensor: Sensor) -> NDArray[np.uint8]:
@@ -129,29 +124,11 @@ def describe_object(observation: RobotObservation, box: ObjectBox) -> str:
     return f"object at [{centre}] {observation.unit} ({box.source}), {size}"
 
 
-def _size_remarks(box: ObjectBox, target: Target) -> Iterator[str]:
-    learned = target.diagonals or 2 * (2 * target.network.radius,)
+def _size_remarks(box: ObjectBox, target: Target, sensors: Sequence[Sensor]) -> Iterator[str]:
     if box.diagonal is None:
         yield f"the object's size is not known, and taken to be {2 * target.network.radius / box.factor(target):.3g} m, as in training"
-    elif not learned[0] / UNLIKE <= box.diagonal <= learned[1] * UNLIKE:
-        sizes = " to ".join(dict.fromkeys(f"{size:.3g}" for size in learned))
-        yield (
-            f"warning: the object's diagonal is {box.diagonal:.3g} m, the network has learned from objects of {sizes} m: hand and touches "
-            "have another size beside this one"
-        )
-
-
-def _view_remarks(target: Target, real: NDArray[np.float64], factor: float, share: float) -> Iterator[str]:
-    view, training_above = camera_direction(real, np.array(target.network.centre)), target.learned_direction(real)[1]
-    above = np.degrees(view.elevation)
-    difference = abs(above - training_above)
-    trained = f"{training_above:z.1f}°" if target.drawn is None else "{:g}° to {:g}°".format(*target.drawn.elevation)
-    yield (
-        f"{'warning: ' if difference > FAR_VIEW else ''}camera {view.distance / factor:.3g} m from the object and {above:z.1f}° above "
-        f"its horizon; in training {trained}: the views differ by {difference:.1f}°"
-    )
-    if share < MIN_SHOWN:
-        yield f"warning: the photograph shows {share:.0%} of what the training camera would; the rest is background"
+    else:
+        yield from size_remarks(target, [box.diagonal], sensors, target.sensor)
 
 
 def _mask_remarks(view: View, box: ObjectBox, target: Target, checked: CheckedObservation) -> Iterator[str]:
@@ -189,21 +166,28 @@ def _touch_remarks(
     checked: CheckedObservation,
     target: Target,
     count: int,  # of patches of the visible surface
+    factor: float,  # of the object's scale
 ) -> Iterator[str]:
     observation, inputs, sensor, camera = checked.observation, checked.inputs, target.sensor, checked.observation.camera
-    if inputs.touch and sensor is not None and observation.touches:
-        rows, cols = observation.touches[0].tactile_image.shape[:2]
-        if (rows, cols) != sensor.shape:
+    if inputs.touch and observation.touches:
+        charted = [n for n, touch in enumerate(observation.touches) if sensor and target.is_charted(touch, observation.sensor_of(n))]
+        charted_images = [image for n in charted if (image := observation.touches[n].tactile_image) is not None]
+        if sensor and charted_images and charted_images[0].shape[:2] != sensor.shape:
+            rows, cols = charted_images[0].shape[:2]
             yield f"tactile images resampled from {cols} x {rows} to {sensor.cols} x {sensor.rows} pixels"
-        if observation.untouched is None:
-            yield f"untouched image: that of the model's sensor, {sensor.name}"
-        towards = (unit_vectors(checked.box.centre - observation.gel_centres) * observation.sensor_poses[:, :3, 2]).sum(axis=1)
+        photographed = [n for n, touch in enumerate(observation.touches) if touch.tactile_image is not None]
+        if names := {observation.sensor_of(n).name for n in photographed if observation.untouched_of(n) is None}:
+            yield f"untouched image: that of the model's sensor, {', '.join(sorted(names))}"
+        read = {observation.sensor_of(n).name for n in photographed if n not in charted}
+        if read:
+            yield f"photographs by {', '.join(sorted(read))} are read by the pretrained network for such a sensor"
+        towards = (unit_vectors(checked.box.centre - observation.gel_centres) * unit_vectors(observation.gel_normals)).sum(axis=1)
         touching = [(number, touch.touched is not False) for number, touch in enumerate(observation.touches)]
         if turned := [observation.name_of(number) for number, touches in touching if touches and towards[number] < FACING_AWAY]:
-            yield f"warning: {', '.join(turned)} face away from the object's centre: +z must point out of the gel"
+            yield f"warning: {', '.join(turned)} face away from the object's centre: +z, and normals, must point out of the gel"
     if camera is not None and camera.metres is not None:
         if camera.depth_as_touch and inputs.touch:
-            causes = f"small beside a patch ({1e3 * WIDTH:g} mm), rough ({1e3 * UNEVEN:g} mm), seen at a flat angle, or not measured"
+            causes = f"small beside a patch ({1e3 * WIDTH / factor:.2g} mm), rough, seen at a flat angle, or not measured"
             few = "" if count >= FEW_PATCHES else f"; most of it is {causes}"
             yield f"{'warning: ' if few else ''}{count} patches of the visible surface are given as touched{few}"
         elif camera.mask is None:

@@ -11,22 +11,28 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from pipeline.console import abbreviate
-from pipeline.dataset.object_rows import ObjectRows, is_surface
+from pipeline.dataset.object_rows import ObjectRows, is_surface, sensors_of
 from pipeline.errors import StageError, StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.networks.network_configurations import NetworkInputs
-from pipeline.kernels.touch.sensor import sensor_to_world
+from pipeline.kernels.touch.depth_maps import gel_surface
+from pipeline.kernels.touch.sensor import Sensor, resample, sensor_to_world
+from pipeline.kernels.touch.touched_points import Touch, chart_touches, cloud_touch, gel_touch
 from pipeline.kernels.vision.scene import Label
-from pipeline.models.observation import Observation, observed_arrays, stored_observation
+from pipeline.models.foreign_data import same_gel
+from pipeline.models.observation import Observation, learned_touch, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstructor
-from pipeline.models.touch_model import TouchModel, load_touch_model
+from pipeline.models.touch_model import TouchModel, load_touch_model, shipped_touch_model
 from pipeline.reconstruct.object_location import Target
+from pipeline.reconstruct.observation_checks import OF_POINTS
+from pipeline.reconstruct.observation_file import RobotObservation
 from pipeline.reconstruct.observation_placement import Placement, network_tactile_images
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location, list_folder
 from schemas.charts import CHARTS
+from schemas.touch import TOUCH
 from stages.fit_charts import ChartSettings
 
 TOUCHES = ("tactile_image", "sensor_pose", "touch_success")  # arrays that charts are fitted to if none are stored
@@ -46,35 +52,88 @@ class ObservationReader:
         """Read an object of a data directory with some of its grasps; for a model of renderings, with one viewpoint."""
         if not grasps:
             raise StageError(f"{object_id}: name at least one grasp")
+        config, sensors = self.model.config, self.sensors_in(data)
+        of_gels = config.touch and not (config.takes_charts and (self.is_of(data) or self._are_charted(sensors)))
+        if of_gels and not config.of_points:
+            names = ", ".join(dict.fromkeys(sensor.name for sensor in sensors))
+            raise StageError(f"model {self.model.trained.configuration} takes touch charts of its sensor, not of {names}: {OF_POINTS}")
+        return self._stored(data, object_id, grasps, of_gels=of_gels)
+
+    def is_of(self, data: Location) -> bool:
+        """Check whether the models are those of a data directory: they have learned its sizes, gels and cameras."""
+        return self.models.resolve() == (data / "models").resolve()
+
+    def sensors_in(self, data: Location) -> tuple[Sensor, ...]:
+        """Read the sensors of a data directory's touches; none if the model takes no touch."""
+        touch = DataDirectory(data).collection(TOUCH)
+        return sensors_of(touch.first) if self.model.config.touch and touch.shards else ()
+
+    def _are_charted(self, sensors: Sequence[Sensor]) -> bool:
+        """Check whether sensors have the gel of those whose charts the model has learned from; one that is not known has."""
+        ours = self.target.sensor
+        return ours is None or all(same_gel(ours, sensor) for sensor in sensors)
+
+    def _stored(self, data: Location, object_id: str, grasps: Sequence[int], *, of_gels: bool) -> Observation:
+        """Read an observation from depth maps, stored charts, or tactile images to which charts are fitted."""
         config = self.model.config
-        if not config.touch or DataDirectory(data).collection(CHARTS).shards:
+        if of_gels or not config.touch or DataDirectory(data).collection(CHARTS).shards:
             kind = "viewpoint" if config.image == "rendering" else "grasp"
-            rows = open_object(data, observed_arrays(config), object_id, grasps, kind)
-            if config.touch and (stored := rows.size("vertices", "vertex")) != config.side**2:
+            rows = open_object(data, observed_arrays(config, of_gels=of_gels), object_id, grasps, kind)
+            if config.touch and not of_gels and (stored := rows.size("vertices", "vertex")) != config.side**2:
                 raise StageError(
                     f"the touch charts of {data} have {stored} vertices, model {self.model.trained.configuration} takes {config.side**2}; "
                     f"run fit-charts with fit-charts.side={config.side}, or train the model on these"
                 )
-            return stored_observation(rows, object_id, grasps, config)
+            return stored_observation(rows, object_id, grasps, config, of_gels=of_gels)
         rows = open_object(data, [*([config.image, "projection"] if config.image else []), *TOUCHES], object_id, grasps)
         seen = stored_observation(rows, object_id, grasps, config.model_copy(update={"touch": False}))
         tactile_images, poses, touched = (np.concatenate([rows.read(name, object_id, grasp) for grasp in grasps]) for name in TOUCHES)
         self.unet.check_sensor(rows.sensor())
-        vertices, touched = self._charts(tactile_images, poses, touched)
-        return replace(seen, touch_vertices=vertices, touched=touched)
+        return replace(seen, touches=self._charts(tactile_images, poses, touched))
 
     def of_robot(self, placed: Placement) -> Observation:
-        """Fit charts to a robot's touches; its image, and the depth that it gives as touched, are placed already."""
+        """Fit charts to a robot's touches, or take points of its gels; its image and the depth that it gives as touched are placed."""
         if not self.model.config.touch:
             return Observation(placed.image, camera=placed.camera)
         observation, visible = placed.checked.observation, placed.visible_charts
-        vertices, touched = np.zeros((0, self.model.config.side**2, 3), np.float32), np.zeros(0, bool)
-        if observation.touches:
-            images = network_tactile_images(observation, self.unet.sensor, self.unet.untouched)
-            shown = zip(observation.touches, observation.shown_touches, strict=True)
-            vertices, touched = self._charts(images, placed.sensor_poses, [is_shown and touch.touched for touch, is_shown in shown])
-        vertices = np.concatenate([vertices, visible])
-        return Observation(placed.image, vertices, np.concatenate([touched, np.ones(len(visible), bool)]), placed.camera)
+        numbers = range(len(observation.touches))
+        charted = [number for number in numbers if self.target.is_charted(observation.touches[number], observation.sensor_of(number))]
+        touches = {number: self._gel(placed, number) for number in numbers if number not in charted}
+        if charted:
+            images = network_tactile_images(observation, charted, self.unet.sensor, self.unet.untouched)
+            shown = [observation.shown_touches[number] and observation.touches[number].touched for number in charted]
+            touches |= dict(zip(charted, self._charts(images, placed.sensor_poses[charted], shown), strict=True))
+        given = tuple(touches[number] for number in numbers)
+        return Observation(placed.image, given + chart_touches(visible, np.ones(len(visible), bool)), placed.camera)
+
+    def _gel(self, placed: Placement, number: int) -> Touch:
+        """Take points of a robot's gel, in the network's world."""
+        observation, touch = placed.checked.observation, placed.checked.observation.touches[number]
+        sensor, pose, is_shown = observation.sensor_of(number), observation.sensor_poses[number], observation.shown_touches[number]
+        if touch.points is not None:
+            points, outward = np.split(touch.points[: len(touch.points) * is_shown], 2, axis=1)
+            felt = cloud_touch(points, -outward, sensor, pose, placed.factor, free=np.zeros((0, 3)))
+        else:
+            front, contact = self._front(observation, number)
+            sensor = resample(sensor, *contact.shape)
+            felt = gel_touch(front, contact & bool(is_shown), sensor, pose, placed.factor)
+        return learned_touch(felt, sensor, pose, self.model.config).moved(placed.to_network)
+
+    def _front(self, observation: RobotObservation, number: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Find a gel's front (rows, cols), m above the sensor plane, and its contact: as given, or as a network reads the photograph."""
+        touch, sensor, ours = observation.touches[number], observation.sensor_of(number), self.target.sensor
+        indentation, contact = touch.depth, touch.contact_pixels
+        if touch.tactile_image is not None and ours is not None and same_gel(ours, sensor):
+            images = network_tactile_images(observation, [number], self.unet.sensor, self.unet.untouched)
+            depth, mask = self.unet.maps(images)
+            return depth[0].astype(np.float64), mask[0]
+        if touch.tactile_image is not None:
+            model, aspect = shipped_touch_model(sensor, self.device), sensor.pitch[0] / sensor.pitch[1]
+            gel = model.read(touch.tactile_image[None], observation.untouched_of(number), aspect)
+            indentation, contact = gel.indentation[0].astype(np.float64), gel.contact[0]
+        assert indentation is not None
+        assert contact is not None
+        return gel_surface(resample(sensor, *contact.shape)) - np.maximum(indentation, 0), contact
 
     def restricted_to(self, inputs: NetworkInputs) -> Self:
         """Make a reader for a model that accepts any subset of inputs, and these inputs."""
@@ -82,7 +141,7 @@ class ObservationReader:
 
     @cached_property
     def target(self) -> Target:
-        """The model as observations are checked against it; no sensor if tactile images cannot be read."""
+        """The model as observations are checked against it; no sensor if no network beside it reads tactile images."""
         sensor = self.unet.sensor if self.model.config.touch and f"{self._unet_name}.json" in list_folder(self.models) else None
         return Target.model_construct(**dict(self.model.trained), sensor=sensor)
 
@@ -98,6 +157,8 @@ class ObservationReader:
 
     @property
     def _unet_name(self) -> str:
+        if self.model.trained.charts is None:
+            return "touch" if "touch.json" in list_folder(self.models) else "unet"
         return "touch" if self._chart_settings.cloud == "local" else "unet"
 
     def _charts(
@@ -105,7 +166,7 @@ class ObservationReader:
         tactile_images: NDArray[np.uint8],  # (T, rows, cols, 3)
         poses: NDArray[np.float64],  # (T, 4, 4) sensor frame to world, m
         touched: Sequence[bool | Literal["auto"]] | NDArray[np.bool_],  # (T,); "auto" for those that touched if they have points
-    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:  # (T, side², 3) vertices, world, m; (T,) which sensors have a chart
+    ) -> tuple[Touch, ...]:
         """Fit touch charts as in the model's training."""
         sensor, clouds = self.unet.sensor, self.unet.clouds(tactile_images)
         flags = np.array([len(cloud) > 0 if flag == "auto" else flag for cloud, flag in zip(clouds, touched, strict=True)])
@@ -114,7 +175,7 @@ class ObservationReader:
         options = self._chart_settings.fit_options(sensor.width)
         fits = fit_charts(touched_clouds, sensor.width, generators, aspect=sensor.aspect, options=options)
         vertices = [sensor_to_world(pose, *chart.T) for pose, chart in zip(poses, fits.vertices, strict=True)]
-        return np.array(vertices, np.float32), flags & is_surface(fits.stop_rule)
+        return chart_touches(np.array(vertices), flags & is_surface(fits.stop_rule))
 
     @cached_property
     def _chart_settings(self) -> ChartSettings:

@@ -16,6 +16,7 @@ from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.kernels.vision.view_transfer import foreground
 from pipeline.models.device import device_of
 from pipeline.models.families import load_reconstructor, model_name, trained_folder, trained_models
+from pipeline.models.foreign_data import as_learned, size_remarks
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, close_reconstruction
 from pipeline.models.shipped_weights import DEFAULT, SHIPPED, models_location, shipped_models
@@ -162,6 +163,7 @@ class _Given:
     photograph: tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.bool_]] | None = None  # that colours a closed mesh
     remarks: Sequence[str] = ()
     placed: Placement | None = None  # of a robot's observation
+    diagonal: float | None = None  # of the object, m, if it is known
 
 
 def _predicted(reader: ObservationReader, source: Observed, surface: Surface, resolution: int) -> Prediction:
@@ -179,7 +181,7 @@ def _predicted(reader: ObservationReader, source: Observed, surface: Surface, re
     remarks = [*given.remarks]
     if reconstruction.is_guess:
         remarks.append("warning: the network finds no point inside the object; the surface is a speck around the likeliest one")
-    remarks.append(error_note(given.reader))
+    remarks.append(error_note(given.reader, given.diagonal))
     if placed is None:
         return Prediction(reconstruction, inputs.touched, closed=closed, remarks=remarks)
     observed = placed.checked.observation
@@ -209,30 +211,31 @@ def _of_robot(reader: ObservationReader, source: RobotObservation | Path) -> _Gi
     unseen = [observed.name_of(n) for n, (touch, is_touched) in enumerate(stated) if touch.touched is True and not is_touched]
     remarks = [describe_object(observed, placed.checked.box), *placed.remarks]
     if unseen:
-        remarks.append(f"warning: {', '.join(unseen)}: touched: true, but the tactile image shows no contact, so no touch is given")
+        remarks.append(f"warning: {', '.join(unseen)}: touched: true, but no contact is seen, so no touch is given")
     if (view := observed.view) is not None:
         matrix = view.matrix * [*(3 * [observed.metres_per_unit]), 1.0]  # of points in the observation's unit
         photograph = view.camera.image, matrix, view.camera.object_pixels
-    return _Given(reader, inputs, photograph, remarks, placed)
+    return _Given(reader, inputs, photograph, remarks, placed, placed.checked.box.diagonal)
 
 
 def _of_object(reader: ObservationReader, stored: StoredGrasps) -> _Given:
     """Read grasps of a data directory, or the rendering of a viewpoint."""
     numbers, name = stored.chosen(reader), reader.model.trained.configuration
-    if reader.models.resolve() == (stored.data / "models").resolve():  # else the models are another dataset's
+    if reader.is_of(stored.data):
         check_origins(DataDirectory(stored.data), [model_name(name, reader.training_seed)])
     if reader.model.config.image == "any":
         reader = reader.restricted_to(INPUT_CHOICES["occluded-touch"])
     model, inputs = reader.model, reader.of_object(stored.data, stored.object_id, numbers)
-    photograph, remarks = None, []
+    photograph, remarks = None, list[str]()
     if inputs.image is not None and inputs.camera is not None:
         is_stored = model.config.image in ("occluded", "unoccluded")
         mask = object_mask(stored.data, stored.object_id, model.config.image, numbers) if is_stored else foreground(inputs.image)
         photograph = inputs.image, inputs.camera, mask
-    seen_by = inputs.scaled(model.config.centre).camera
-    if seen_by is not None and model.trained.camera is not None and not model.trained.has_view(seen_by):
-        remarks.append("warning: the image is from another camera than the network's training; errors are larger than measured")
-    return _Given(reader, inputs, photograph, remarks)
+    diagonal = 2 * model.config.radius / inputs.scale
+    if not reader.is_of(stored.data):
+        inputs, further = as_learned(model.trained, inputs)
+        remarks = [*size_remarks(model.trained, [diagonal], reader.sensors_in(stored.data), reader.target.sensor), *further]
+    return _Given(reader, inputs, photograph, remarks, diagonal=diagonal)
 
 
 def _write(out: Path, prediction: Prediction, surface: Surface) -> list[Path]:

@@ -72,7 +72,8 @@ def about_rows(folder: Path, scored: Sequence[Path], common: set[int] | None) ->
         if "learned_from" in settings:
             learned = settings["learned_from"]
             known = f"; it was trained on {len(learned)} of these objects ({abbreviate(learned)})" if learned else ""
-            yield Table(f"{SHIPPED_ROWS}…: the pretrained network, given the first grasp of each object alone{known}.")
+            differs = "".join(f"; {remark}" for remark in settings.get("not_learned", ()))
+            yield Table(f"{SHIPPED_ROWS}…: the pretrained network, given the first grasp of each object alone{known}{differs}.")
 
 
 def scores(directory: DataDirectory) -> dict[str, str | None]:

@@ -16,7 +16,15 @@ from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.metrics.chamfer import SearchCloud
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES, ImageKind, NetworkInputs
 from pipeline.kernels.vision.view_transfer import background_color, carried_camera, transfer_view
-from pipeline.models.observation import Observation, observed_arrays, scale_of, stored_cameras, stored_images, stored_observation
+from pipeline.models.observation import (
+    Observation,
+    observed_arrays,
+    scale_of,
+    stored_cameras,
+    stored_images,
+    stored_observation,
+    stored_touches,
+)
 from pipeline.models.reconstruction import Trained
 from pipeline.store.storage import Location
 from pipeline.training.settings import ReconstructionSettings, TrainingSettings
@@ -46,8 +54,8 @@ class Items:
 
     @property
     def side(self) -> int:
-        """Read the vertices along a side of the touch charts; the supplement's number for a network without touch."""
-        return math.isqrt(self.rows.size("vertices", "vertex")) if self.config.touch else SIDE
+        """Read the vertices along a side of the touch charts; the supplement's number for a network without them."""
+        return math.isqrt(self.rows.size("vertices", "vertex")) if self.config.takes_charts else SIDE
 
     def scale(self, object_id: str) -> float:
         """Compute the factor that makes an object as large as networks learn them."""
@@ -130,7 +138,7 @@ class Items:
     def grasps(self) -> int:
         """Count the grasps, or viewpoints, of an object that differ for the network."""
         if self.config.touch:
-            return self.rows.size("vertices", "grasp")
+            return self.rows.size(stored_touches(self.config)[0], "grasp")
         if self.config.image == "rendering":
             return self.rows.size("rendering", "viewpoint")
         return self.rows.size("occluded", "grasp") if self.config.image == "occluded" else 1
@@ -153,9 +161,18 @@ class Items:
             drawn=drawn,
             resolution=self.resolution,
             background=background,
-            charts=self.rows.attributes("charts")["settings"] if self.config.touch else None,
+            charts=self.rows.attributes("charts")["settings"] if self.config.takes_charts else None,
+            gels=self._gels(),
             diagonals=(min(diagonals), max(diagonals)),
         )
+
+    def _gels(self) -> tuple[float, float] | None:
+        """Find the least and greatest width of a gel over the diagonal of its object; None if they are not read."""
+        if not self.config.touch or self.config.takes_charts:
+            return None
+        diagonals, widths = map(self.rows.diagonal, self.rows.object_ids), [sensor.width for sensor in self.rows.sensors()]
+        shares = [width / diagonal for diagonal in diagonals for width in widths]
+        return min(shares), max(shares)
 
     def name(self, item: int) -> str:
         """Name an item's object, and its first grasp if that is fixed."""
@@ -183,12 +200,12 @@ def vary_observation(
     settings: ReconstructionSettings,  # as of `vary_image`; `touch_dropout`: probability to skip a touch
     generator: torch.Generator,
 ) -> Observation:
-    """Vary the image of an observation, and skip some of its touch charts."""
+    """Vary the image of an observation, and skip some of its touches."""
     if observation.image is not None:
         observation = replace(observation, image=vary_image(observation.image, settings, generator))
     if settings.touch_dropout:
         kept = (torch.rand(len(observation.touched), generator=generator, dtype=torch.float32) >= settings.touch_dropout).numpy()
-        observation = replace(observation, touch_vertices=observation.touch_vertices[kept], touched=observation.touched[kept])
+        observation = replace(observation, touches=tuple(touch for touch, keep in zip(observation.touches, kept, strict=True) if keep))
     return observation
 
 

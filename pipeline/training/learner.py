@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import torch
     from torch import Tensor, nn
 
-    from pipeline.models.observation import NetworkBatch, Observation
+    from pipeline.models.observation import Observation
     from pipeline.training.items import Items
 
 
@@ -117,7 +117,7 @@ class ReconstructionLearner(Learner):
             errors.append(self.errors(network, Batch(observations, targets, generators)))
         return {"loss": float(torch.cat(errors).double().mean())}
 
-    def stack(self, network: Any, batch: Batch) -> NetworkBatch:
+    def stack(self, network: Any, batch: Batch) -> Any:  # `ChartBatch` or `PointBatch`
         """Stack a batch's observations as the network takes them, on its device."""
         from pipeline.models.observation import stack_observations
 

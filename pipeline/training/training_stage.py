@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from pipeline.console import pluralise
 from pipeline.engine.stage import DatasetJob, DatasetStage
 from pipeline.errors import StageError
+from pipeline.kernels.networks.network_configurations import NetworkInputs
 from pipeline.models.families import model_name, reconstructor_type, trained_folder, trained_models
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
@@ -15,8 +16,10 @@ from pipeline.training.learner import ReconstructionLearner
 from pipeline.training.settings import ReconstructionSettings
 from schemas.base import Artifact
 from schemas.charts import CHARTS
+from schemas.grasps import GRASPS
 from schemas.renderings import RENDERINGS
 from schemas.surfaces import SURFACES
+from schemas.touch import TOUCH
 from schemas.vision import VISION
 
 if TYPE_CHECKING:
@@ -29,6 +32,11 @@ OF_MESHES = ("spacing", "touch_reach")
 """Entries of a network's description that only decide how its predictions are meshed; its weights do not depend on them."""
 OTHER_STAGES = {"side": "fit-charts"}
 """Stages that set entries of a network's description, by entry; its training sets the others."""
+
+
+def touch_artifacts(inputs: NetworkInputs) -> tuple[Artifact, ...]:
+    """Name the artifacts of the touches that a network takes."""
+    return () if not inputs.touch else (CHARTS,) if inputs.takes_charts else (GRASPS, TOUCH)
 
 
 class Training(DatasetStage):
@@ -49,10 +57,10 @@ class ReconstructionTraining(Training):
     arrays: ClassVar[tuple[str, ...]]  # those of `target` that are read
 
     def inputs(self, settings: Any) -> tuple[Artifact, ...]:
-        """Name the artifacts of the objects' sizes and the target, and of the image and touch charts that the configuration takes."""
+        """Name the artifacts of the objects' sizes and the target, and of the image and touches that the configuration takes."""
         inputs = settings.inputs
         target = [] if self.target is SURFACES else [self.target]
-        return (SURFACES, *target, *([IMAGES[inputs.image]] if inputs.image else []), *([CHARTS] if inputs.touch else []))
+        return (SURFACES, *target, *([IMAGES[inputs.image]] if inputs.image else []), *touch_artifacts(inputs))
 
     def assets(self, settings: Any) -> list[Path]:
         """List the files of the network that the training begins with."""

@@ -16,6 +16,7 @@ from pipeline.errors import StageError, StoreError
 from pipeline.kernels.geometry.mesh import sample_triangles
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances, sampled_area, sampling_floor
 from pipeline.kernels.metrics.nearest_points import Cloud
+from pipeline.models.foreign_data import as_learned
 from pipeline.models.observation import Observation, stored_observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor
 from pipeline.rng import numpy_rng
@@ -113,9 +114,12 @@ class Network(Method):
         *,
         first_only: bool = False,  # only cases that begin with the first grasp: a fifth of the time of five grasps
         keeps_surfaces: bool = True,
+        foreign: bool = False,  # it has learned from another dataset, whose view it is given
+        of_gels: bool = False,  # it is given depth maps in place of touch charts: of another sensor
     ) -> None:
         self.name, self.model, self.first_only, self.keeps_surfaces = name, model, first_only, keeps_surfaces
-        self.image, self.touch, self.charts = model.config.image, model.config.touch, model.config.touch
+        self.image, self.touch, self.charts = model.config.image, model.config.touch, model.config.takes_charts and not of_gels
+        self.foreign, self.of_gels = foreign, of_gels
         self.has_charts = model.has_charts
         self.inputs = {"image": self.image, "touch": self.touch}
 
@@ -125,7 +129,8 @@ class Network(Method):
 
     def observe(self, objects: ObjectRows, object_id: str, case: Case) -> Observation:
         """Read its input."""
-        return stored_observation(objects, object_id, case.grasps or (case.first,), self.model.config)
+        seen = stored_observation(objects, object_id, case.grasps or (case.first,), self.model.config, of_gels=self.of_gels)
+        return as_learned(self.model.trained, seen)[0] if self.foreign else seen
 
     def reconstruct(self, objects: ObjectRows, work: Sequence[tuple[str, Case]]) -> list[Reconstruction]:
         return self.model.reconstruct([self.observe(objects, object_id, case) for object_id, case in work])

@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -12,17 +12,20 @@ from rich.console import Console
 from pipeline.config.manifest import load_manifest
 from pipeline.config.settings import setting
 from pipeline.config.sources import Object, identity
-from pipeline.dataset.object_rows import ObjectRows
+from pipeline.dataset.object_rows import ObjectRows, sensors_of
 from pipeline.engine.make import make
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Cost, DatasetJob
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_companions import Companions
+from pipeline.kernels.touch.sensor import Sensor
 from pipeline.models.device import device_of
 from pipeline.models.families import ROWS, load_reconstructor, load_rows, model_record, rows_of, trained_folder
+from pipeline.models.foreign_data import same_gel, size_remarks
 from pipeline.models.observation import stored_cameras
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.shipped_weights import DEFAULT, SHIPPED, read_card, shipped_models
+from pipeline.models.touch_model import load_touch_model
 from pipeline.store import digest
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
@@ -57,6 +60,7 @@ class ShippedSettings(GraspMeasuringSettings):
     configurations: tuple[str, ...] = setting(..., "its inputs: rows of the tables", changes="definition")
     weights: str = setting(..., "SHA-256 of the record of the weights", changes="definition")
     learned_from: tuple[str, ...] = setting((), "test objects that it has learned from", changes="definition")
+    not_learned: tuple[str, ...] = setting((), "what of the dataset it has not learned: sizes, gels, cameras", changes="definition")
 
 
 class Score(Evaluation):
@@ -167,13 +171,50 @@ def score_shipped(data: Location, console: Console) -> list[str]:
     if not rows:  # what was measured before is of a dataset that is gone
         withdraw(directory.folder_record(SHIPPED_SCORES))
         return reasons
+    models = load_rows(dict.fromkeys(rows, shipped_folder()), device_of("auto"))
+    of_gels = is_given_gels(directory, next(iter(models.values())))
     settings = ShippedSettings(
-        **measuring_settings(directory), configurations=tuple(rows), weights=shipped_digest(), learned_from=learned_objects(directory)
+        **measuring_settings(directory),
+        configurations=tuple(rows),
+        weights=shipped_digest(),
+        learned_from=learned_objects(directory),
+        not_learned=tuple(dict.fromkeys(not_learned(directory, models, of_gels=of_gels))),
     )
-    models = load_rows(dict.fromkeys(rows, shipped_folder()), device_of(settings.accelerator)).items()
-    networks = [Network(SHIPPED_ROWS + name.removeprefix(f"{DEFAULT}-"), model, first_only=True) for name, model in models]
-    Score(SHIPPED_SCORES, networks, artifacts_of(rows)).run(directory, settings, console)
+    networks = [
+        Network(SHIPPED_ROWS + name.removeprefix(f"{DEFAULT}-"), model, first_only=True, foreign=True, of_gels=of_gels)
+        for name, model in models.items()
+    ]
+    artifacts = [artifact for artifact in artifacts_of(rows) if artifact is not CHARTS or not of_gels]
+    Score(SHIPPED_SCORES, networks, artifacts).run(directory, settings, console)
     return reasons
+
+
+def is_given_gels(directory: DataDirectory, model: Reconstructor) -> bool:
+    """Check whether the pretrained network is given depth maps: it learned from gels, or from charts of another gel than the dataset's."""
+    ours, touch = shipped_chart_sensor(), directory.collection(TOUCH)
+    sensors = sensors_of(touch.first) if touch.shards else ()
+    return not model.config.takes_charts or (ours is not None and not all(same_gel(ours, sensor) for sensor in sensors))
+
+
+def shipped_chart_sensor() -> Sensor | None:
+    """Read the sensor whose touch charts the pretrained network has learned from; None if that is not known."""
+    models = shipped_models()
+    return load_touch_model(DataDirectory(models).verified_folder("unet"), "cpu").sensor if (models / "unet.json").exists() else None
+
+
+def not_learned(directory: DataDirectory, models: Mapping[str, Reconstructor], *, of_gels: bool) -> Iterator[str]:
+    """Say what of a dataset's test objects the pretrained network has not learned, as `predict` does of one object."""
+    model = next(iter(models.values()))
+    images = any(row.config.image for row in models.values())
+    rows = ObjectRows(directory.root, ["points", *(["projection"] if images else [])], "test")
+    touch = any(row.config.touch for row in models.values())
+    sensors = sensors_of(directory.collection(TOUCH).first) if touch else ()
+    yield from size_remarks(model.trained, [rows.diagonal(object_id) for object_id in rows.object_ids], sensors, shipped_chart_sensor())
+    if touch and of_gels:
+        yield "touches are points of the exact depth maps"
+    cameras = (camera for object_id in rows.object_ids if images for camera in stored_cameras(rows, object_id, model.config))
+    if not all(map(model.trained.has_view, cameras)):
+        yield "images are turned and zoomed to the camera that it was trained with"
 
 
 def learned_objects(directory: DataDirectory) -> tuple[str, ...]:
@@ -215,12 +256,8 @@ def _missing_inputs(directory: DataDirectory, model: Reconstructor) -> dict[str,
     for kind in ("occluded", "unoccluded"):
         if not images.shards or (kind == "occluded" and not images.first.has(kind)):
             missing[kind] = "render-vision has not made it"
-    if images.shards:
-        rows = ObjectRows(directory.root, ["projection"], "test")
-        cameras = (camera for object_id in rows.object_ids for camera in stored_cameras(rows, object_id, model.config))
-        if not all(map(model.trained.has_view, cameras)):
-            why = "not all images are from the camera that it was trained with"
-            missing = dict.fromkeys(("occluded", "unoccluded"), why) | missing
+    if is_given_gels(directory, model):
+        return missing if directory.collection(TOUCH).shards else missing | {"touch": "simulate-touch has not been run"}
     if not charts.shards:
         missing["touch"] = "fit-charts has not been run"
     elif (vertices := charts.first.stored("vertices").shape[-2]) != model.config.side**2:

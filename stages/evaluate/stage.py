@@ -200,8 +200,8 @@ def _measured(item: "Method", protocol: "Protocol", job: DatasetJob) -> tuple[li
 def artifacts_of(configurations: Iterable[str]) -> list[Artifact]:
     """Name the artifacts that networks take."""
     networks = [ROWS[name].inputs for name in configurations]
-    takes_image, takes_touch = any(network.image for network in networks), any(network.touch for network in networks)
-    return [*([VISION] if takes_image else []), *([TOUCH, CHARTS] if takes_touch else [])]
+    takes = ((VISION, "image"), (TOUCH, "touch"), (CHARTS, "takes_charts"))
+    return [artifact for artifact, name in takes if any(getattr(network, name) for network in networks)]
 
 
 class Evaluate(Evaluation):

@@ -157,9 +157,10 @@ class GraspReader:
         beyond = np.maximum(hand.lower - vector, vector - hand.upper)
         if beyond.max() > (BEYOND if phase == "grasp" else TARGET_BEYOND):
             joint = int(beyond.argmax())
+            unit = "m" if hand.joints[hand.joint_links[joint] - 1].kind == "prismatic" else "rad"
             raise InvalidInput(
                 f"joint {hand.joint_names[joint]} is {vector[joint]:.3g} in the {phase}, its limits are {hand.lower[joint]:.3g} to "
-                f"{hand.upper[joint]:.3g}; is it in rad (m), and do read-grasps.joints and the hand fit the file?"
+                f"{hand.upper[joint]:.3g}; is it in {unit}, and do read-grasps.joints and the hand fit the file?"
             )
         for name, value in hand.joint_values(vector).items():
             if phase == "grasp" and abs(by_name.get(name, value) - value) > BEYOND:

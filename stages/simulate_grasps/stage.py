@@ -160,14 +160,14 @@ class GraspStage(ObjectStage):
         }
 
     def hand_notes(self, settings: Any) -> Iterator[str]:
-        """Name links whose mass or inertia is estimated, and gels inside their links."""
-        from pipeline.kernels.hand.convex_shapes import buried_gels
+        """Name links whose mass or inertia is estimated, and sensors that are not on the surface of their links."""
+        from pipeline.kernels.hand.sensor_mounts import misplaced_sensors
         from pipeline.physics.hand_urdf import inertia_notes
 
         hand = load_hand(settings.hand)
         yield from (f"hand {hand.name}: {note}" for note in inertia_notes(hand))
         sensors = load_worn_sensors(sensor_names(hand, settings.sensor))
-        yield from (f"hand {hand.name}: {sentence}" for _, sentence in buried_gels(hand, sensors))
+        yield from (f"hand {hand.name}: {sentence}" for _, sentence in misplaced_sensors(hand, sensors))
 
 
 class SimulateGrasps(GraspStage):
@@ -178,7 +178,7 @@ class SimulateGrasps(GraspStage):
     settings_type = GraspSettings
 
     def describe_misfits(self, settings: GraspSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
-        """Name links whose mass or inertia is estimated, gels inside their links, and objects that do not fit the hand."""
+        """Name links whose mass or inertia is estimated, sensors off the surface of their links, and objects that do not fit the hand."""
         from pipeline.kernels.hand.kinematics import opening
 
         yield from self.hand_notes(settings)

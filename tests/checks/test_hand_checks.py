@@ -120,9 +120,19 @@ def test_joints_without_limits_are_named(tmp_path: Path) -> None:
         ({"origin": [0, 0.008, 0.082]}, "fault", "lies inside its link left_finger, which objects meet first; move its `origin` by 8 mm"),
         ({"origin": [0, 0.002, 0.082]}, "warning", "so that objects meet only the outer 4.8 mm of its gel; move its `origin` by 2 mm"),
         ({"normal": [0, 1, 0]}, "fault", "its normal points into the link: write `normal: [0, -1, 0]`"),
+        (
+            {"normal": [0, 1, 0], "origin": [0, -0.044, 0.082]},
+            "fault",
+            "write `normal: [0, -1, 0]`, and move its `origin` by 44 mm, to [0, 0,",
+        ),
+        ({"origin": [0, -0.044, 0.082]}, "fault", "lies 44 mm in front of its link left_finger, which does not carry it there; move"),
+        ({"origin": [0, 0, 0.18]}, "fault", "in front of its link left_finger"),  # beyond the tip
+        ({"origin": [0, -0.003, 0.082]}, "warning", "lies 3 mm in front of its link left_finger"),
     ],
 )
-def test_gel_inside_its_link_is_named_with_the_remedy(sensor: dict[str, object], kind: str, sentence: str, tmp_path: Path) -> None:
+def test_sensor_off_the_surface_of_its_link_is_named_with_the_remedy(
+    sensor: dict[str, object], kind: str, sentence: str, tmp_path: Path
+) -> None:
     lines = lines_of(tmp_path, fingers=fingers(0, **sensor))
     assert ("faults below" in lines[0]) == (kind == "fault")
     assert [line.startswith(f"{kind}: ") for line in lines if sentence in line] == [True]
@@ -130,13 +140,32 @@ def test_gel_inside_its_link_is_named_with_the_remedy(sensor: dict[str, object],
     assert [sentence in line for line in misfits] == [True]
 
 
-def test_trial_of_a_hand_with_palm_sensors_only_reports_when_they_touch(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("place", "sentence"),
+    [
+        (
+            {"centre": [0, 0, -0.005]},
+            "seldom touches with search=touch: its gel reaches 6.8 mm beyond palm.centre, which is set 5 to 60 mm",
+        ),
+        ({"centre": [0, 0, -0.003]}, "cannot touch with search=touch: .* simulate-grasps.greatest_distance=0.0048"),
+        ({"centre": [0, 0, 0.03]}, "cannot touch: its gel lies 28.2 mm behind palm.centre; move that to the gel"),
+        ({"facing": [0, 0, -1]}, "cannot touch: it faces away from where palm.facing points"),
+    ],
+)
+def test_palm_that_cannot_touch_is_named_with_the_remedy(place: dict[str, Any], sentence: str, tmp_path: Path) -> None:
     described = yaml.safe_load(DESCRIBED)
     mount = {"link": "palm", "origin": [0, 0, -0.005], "normal": [0, 0, 1], "columns": [1, 0, 0]}
     bare = [{"name": finger["name"], "joints": finger["joints"]} for finger in described["fingers"]]
-    lines = lines_of(tmp_path, palm=described["palm"] | {"sensors": [mount]}, fingers=bare)
-    assert "no faults" in lines[0]
-    assert any(line.startswith("trial: the palm's sensors touch what is nearer than their gel is thick") for line in lines)
+    lines = lines_of(tmp_path, palm=described["palm"] | {"sensors": [mount]} | place, fingers=bare)
+    assert [bool(re.search(sentence, line)) for line in lines if line.startswith("warning: the sensor palm of the palm")] == [True]
+
+
+def test_nearest_surface_point_of_each_sensor_and_units_of_motors_are_printed(tmp_path: Path) -> None:
+    lines = lines_of(tmp_path, fingers=fingers(0, origin=[0.001, -0.044, 0.08], normal=[0.3, -1, 0], columns=[1, 0.3, 0]))
+    surface = "{origin: [0.001, 0, 0.08], normal: [0, -1, 0], columns: [1, 0, 0]}"
+    assert f"surface of left_finger, 44 mm from the origin of sensor left: {surface}" in lines
+    assert lines[2].startswith("motors 20 N, friction 0.5")
+    assert [load_hand("allegro_right").torque_unit, load_hand("two_finger_gripper").torque_unit] == ["N m", "N"]
 
 
 def test_flat_collision_meshes_are_a_fault_and_links_without_visuals_are_named(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import pytest
 import trimesh
 
 from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.touch.touched_points import chart_touches
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, close_reconstruction
 
@@ -24,7 +25,7 @@ def test_closed_mesh_passes_through_the_touch_charts(own):
         position=whole.position,
         side=9,
     )
-    given = Observation(None, np.stack([CHART + 0.1, CHART]), np.array([False, True]))
+    given = Observation(None, chart_touches(np.stack([CHART + 0.1, CHART]), np.array([False, True])))
     mesh = trimesh.Trimesh(*(close_reconstruction(parts, 64) if own else close_reconstruction(whole, 64, given)), process=False)
     assert mesh.is_watertight
     assert np.sqrt(igl.point_mesh_squared_distance(CHART, mesh.vertices, mesh.faces)[0]).max() <= 5e-4

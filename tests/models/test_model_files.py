@@ -125,7 +125,7 @@ def test_invalid_untouched_image_is_an_error(unet: Path) -> None:
         ({"camera": None}, "a network with an image has camera and resolution"),
         ({"camera": [[1, 0, 0, 0]]}, "camera"),
         ({"resolution": [256]}, "resolution"),
-        ({"charts": None}, "one with touch has charts"),
+        ({"charts": None}, "one with touch charts has charts"),
     ],
 )
 def test_deformation_networks_with_another_description_are_errors(gcn: Path, tmp_path: Path, changes: dict[str, Any], words: str) -> None:

@@ -8,6 +8,7 @@ import torch
 
 from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.kernels.touch.touched_points import chart_touches
 from pipeline.models.observation import Observation, stored_observation
 from pipeline.models.reconstruction import DeformationReconstructor, Reconstructor
 from schemas.charts import StopRule
@@ -24,8 +25,8 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Reconstructor]
 
 
 def felt(count: int, touched: bool = True) -> Observation:
-    charts = np.random.default_rng(0).uniform(-0.1, 0.1, (count, SIZE, 3)).astype(np.float32) + np.float32([0, 0, 0.6])
-    return Observation(None, charts, np.full(count, touched))
+    charts = np.random.default_rng(0).uniform(-0.1, 0.1, (count, SIZE, 3)) + [0, 0, 0.6]
+    return Observation(None, chart_touches(charts, np.full(count, touched)))
 
 
 @pytest.mark.parametrize(("count", "touched"), [(0, True), (1, True), (20, True), (20, False)])
@@ -53,7 +54,7 @@ def test_charts_without_a_fit_count_as_failed_touches() -> None:
 
 def test_observations_that_do_not_match_the_model_are_refused(models: dict[str, Reconstructor]) -> None:
     nowhere = felt(2)
-    nowhere.touch_vertices[1, 3, 0] = np.nan
+    nowhere.touches[1].chart[3, 0] = np.nan
     image = np.zeros((1, 1, 3), np.uint8)
     size = spheres.CAMERA.resolution
     for name, views, message in (

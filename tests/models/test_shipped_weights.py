@@ -16,8 +16,7 @@ from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models import shipped_weights
 from pipeline.models.shipped_weights import SENSORS, card_path, models_location, read_card, shipped_models, shipped_sensor_network
-from pipeline.models.touch_model import save_touch_model
-from pipeline.real_touch import TouchReader
+from pipeline.models.touch_model import save_touch_model, shipped_touch_model
 from pipeline.reconstruct.predict import PredictOptions
 from stages.train_touch import TouchTrainingSettings
 from tests.command_line import vt
@@ -132,10 +131,10 @@ def test_shipped_weights_are_small_and_each_has_a_card():
 @pytest.mark.parametrize("name", sorted(ship_sensor_weights.FITTED_TO))
 def test_depth_error_on_simulated_balls_is_that_of_the_sensors_card(name):
     """Balls are not those of the training; the reader would refuse a changed sensor file."""
-    sensor = load_sensor(name)
+    sensor = ship_sensor_weights.square_pixels(load_sensor(name))
     balls = ship_sensor_weights.simulated_balls(sensor, ship_sensor_weights.BALLS)
-    reader = TouchReader(name, untouched := untouched_image(sensor))
-    error = ship_sensor_weights.errors_of(reader.model, balls, untouched, 1e3 * sensor.pitch[1])
+    model = shipped_touch_model(load_sensor(name), "cpu")
+    error = ship_sensor_weights.errors_of(model, balls, untouched_image(sensor), 1e3 * sensor.pitch[1])
     stated = _sensor_card(sensor_card_path(name)).errors[ship_sensor_weights.SIMULATED]
     assert error.depth_mm < 1.1 * stated.depth_mm < 0.05
     assert error.normals_deg < 1.1 * stated.normals_deg < 5

@@ -9,12 +9,13 @@ import pytest
 import trimesh
 
 from pipeline.formats.hand_file import load_hand
+from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import close_links
 from pipeline.physics import simulation
 from pipeline.physics.hand_urdf import GEARED_INERTIA, write_hand_urdf
-from pipeline.physics.simulation import GEAR_SLACK, GRAVITY, TREMOR, TREMOR_STEPS, PhysicsClient, Simulation, pybullet
+from pipeline.physics.simulation import COLLISION_MARGIN, GEAR_SLACK, GRAVITY, TREMOR, TREMOR_STEPS, PhysicsClient, Simulation, pybullet
 from stages.simulate_grasps.prepare import FINGER_GAP, finger_gap
 from tests.kernels.hand.meshes import centred, mug
 
@@ -216,3 +217,25 @@ def test_finger_gap_is_at_most_half_of_the_gap_at_rest(tmp_path: Path, hand: Han
     assert 0 < gaps[1, 2] < GAP
     assert finger_gap(near) == gaps[1, 2] / 2
     assert finger_gap(hand) == FINGER_GAP
+
+
+@pytest.mark.parametrize(
+    "shape", ['<mesh filename="cube.stl"/>', '<cylinder radius="0.01" length="0.02"/>', '<box size="0.02 0.02 0.02"/>']
+)
+def test_contact_with_a_link_begins_at_its_surface(shape: str, tmp_path: Path) -> None:
+    """Bullet thickens hulls and cylinders of a URDF by 1 mm, so that links that planning keeps 1 mm clear would push."""
+    trimesh.creation.box((0.02, 0.02, 0.02)).export(tmp_path / "cube.stl")
+    described = load_hand("two_finger_gripper")
+    box = '<box size="0.06 0.17 0.05"/>'
+    text = described.model.read_text()
+    assert box in text
+    (tmp_path / "two_finger_gripper.urdf").write_text(text.replace(box, shape))
+    (tmp_path / "hand.yaml").write_text(described.path.read_text())
+    hand = load_hand(tmp_path / "hand.yaml")
+    low = np.concatenate([item.mesh.vertices for item in hand.links[0].collisions])[:, 0].min()
+    wall = trimesh.creation.box((0.01, 1.0, 1.0), transform=trimesh.transformations.translation_matrix([low - 0.015, 0, 0]))
+    with Simulation(hand) as physics:
+        physics.load(Mesh.bare(np.asarray(wall.vertices), np.asarray(wall.faces)))
+        physics._body.set_pose(np.eye(4), hand.lower, hand.lower)
+        points = physics.client.getClosestPoints(physics._body.body, 0, 0.1, linkIndexA=-1)
+    assert min(point[8] for point in points) == pytest.approx(0.01 - COLLISION_MARGIN, abs=5e-5)

@@ -150,7 +150,12 @@ ANY = {"name": "occluded-touch", "image": "any"}
         (none_touches, ANY, ["needs a photograph or touches"], ""),
         (without("touches", depth="gone.npy"), ANY, ["gone.npy"], "needs a photograph"),  # another fault took it out
         (lambda entries: entries.update(sensor="digitx"), {}, ["digitx"], "needs touches"),
-        (lambda entries: entries.update(sensor="digit"), {}, ["sensor digit has", "the model's gel_16mm 16.41 x 16.41 mm"], ""),
+        (
+            lambda entries: entries.update(sensor="digit"),
+            {},
+            ["takes touch charts of photographs by gel_16mm, 16.41", "mm, and not a photograph by digit"],
+            "",
+        ),
         (without("touches", depth="depth.npy"), {}, ["needs touches"], ""),
         (wide_touches, {}, ["tactile images have 200 x 100 pixels, another shape than the model's 100 x 100"], ""),
         (unknown_sensor, None, ["digitx", "the camera does not see the object's centre"], ""),
@@ -372,12 +377,12 @@ def test_tactile_images_are_resampled_and_corrected_by_the_untouched_image_of_th
     large = [np.repeat(np.repeat(image, 2, axis=0), 2, axis=1) for image in (pressed, base)]
     touch = {"tactile_image": large[0], "pose": np.eye(4)}
     plain = RobotObservation(sensor=SENSOR, touches=[touch])
-    images = network_tactile_images(plain, SENSOR, base)
+    images = network_tactile_images(plain, [0], SENSOR, base)
     assert images.shape == (1, *SENSOR.shape, 3)
     assert np.abs(images[0].astype(int) - pressed)[32:58, 32:58].max() <= 1
     np.testing.assert_array_equal(images[0][:25], base[:25])
     shifted = RobotObservation(sensor=SENSOR, untouched=large[1] + 20, touches=[{**touch, "tactile_image": large[0] + 20}])
-    np.testing.assert_array_equal(network_tactile_images(shifted, SENSOR, base), images)
+    np.testing.assert_array_equal(network_tactile_images(shifted, [0], SENSOR, base), images)
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ def test_observation_is_described_and_drawn(tmp_path: Path, unit: str) -> None:
     place = {"m": "[0.4, -0.1, 0.2] m (as stated), diagonal 0.208 m", "mm": "[400, -100, 200] mm (as stated), size not known"}[unit]
     assert lines[:2] == [f"{path}: observation, no faults", f"object at {place}"]
     assert lines[2] == "camera: 160 x 120 pixels; 21.5% of the photograph is the object"
-    assert lines[3] == "touches.0: touches if its image shows so, 59 mm from the object's centre"
+    assert lines[3] == "touches.0: touches if its image, depth or points show so, 59 mm from the object's centre"
     assert any("touches.1 face away" in line for line in lines)
     with Image.open(tmp_path / "a.png") as picture:
         assert picture.width > 900

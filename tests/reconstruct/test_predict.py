@@ -274,7 +274,7 @@ def test_touches_without_a_statement_are_recognised_from_images(data, grasp, tmp
     described["touches"] = [touch | {"touched": True} for touch in described["touches"]]
     prediction = predict(tmp_path / "a.ply", write(tmp_path / "g.yaml", described), PredictOptions(data / "models", "touch"))
     names = ", ".join(touch["name"] for touch, felt in zip(described["touches"], stated, strict=True) if not felt)
-    assert f"warning: {names}: touched: true, but the tactile image shows no contact, so no touch is given" in prediction.remarks
+    assert f"warning: {names}: touched: true, but no contact is seen, so no touch is given" in prediction.remarks
     assert "model touch takes no image: the photograph only colours a closed mesh" in prediction.remarks
 
 
@@ -344,7 +344,7 @@ def test_observations_that_do_not_fit_the_model_are_errors(data, grasp, tmp_path
     refused("touches.0.tactile_image: .*clear.png has colours RGBA", touches=[clear])
     refused("model touch needs touches", touches=[])
     refused("model unoccluded needs a photograph", "unoccluded", camera=None)
-    refused("sensor digit has .* the model's gel_16mm 16.41", sensor="digit")
+    refused("takes touch charts of photographs by gel_16mm.* and not a photograph by digit", sensor="digit")
     refused("there is no entry objekt, did you mean object", objekt=1)
     bare = tmp_path / "models"
     shutil.copytree(data / "models", bare, ignore=shutil.ignore_patterns("unet*"))
@@ -369,7 +369,8 @@ def test_training_seed_selects_the_model(data, grasp, tmp_path):
 def test_stored_charts_of_another_size_are_refused(data, tmp_path):
     folder = shutil.copytree(DataDirectory(data).folder_path("models/gcn/touch"), tmp_path / "made")
     description = json.loads((folder / "model.json").read_text())
-    (folder / "model.json").write_text(json.dumps(description | {"network": description["network"] | {"side": 5}}))
+    changed = {"network": description["network"] | {"side": 5}, "charts": {"side": 5}}
+    (folder / "model.json").write_text(json.dumps(description | changed))
     shutil.copytree(data / "models", tmp_path / "models")
     publish(tmp_path, "models/gcn/touch", folder, "train-gcn")
     with pytest.raises(StageError, match=r"have 9 vertices, model touch takes 25; run fit-charts with fit-charts.side=5"):

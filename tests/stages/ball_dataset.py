@@ -27,6 +27,7 @@ from pipeline.kernels.networks.implicit_network import ImplicitNetwork
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, IMPLICIT_CONFIGURATIONS
 from pipeline.kernels.touch.sensor import sensor_to_world
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
+from pipeline.kernels.touch.touched_points import Touch, chart_touches
 from pipeline.kernels.vision.camera import Camera, projection_matrix
 from pipeline.models.families import model_name
 from pipeline.models.model_files import save_model
@@ -169,6 +170,12 @@ def chart_of(unit: Unit, grasp: int, sensor: int) -> np.ndarray:
     return np.asarray(CENTRE + radius_of(unit) * outward / np.linalg.norm(outward, axis=1, keepdims=True))
 
 
+def chart_touches_of_ball() -> tuple[Touch, ...]:
+    """Make the touches of the first grasp of the ball a, three of four sensors of which touch it."""
+    unit = Unit(name="a")
+    return chart_touches(each_sensor(chart_of, unit)[0], each_sensor(touched, unit)[0])
+
+
 def charts(unit: Unit) -> Row:
     felt = each_sensor(touched, unit)
     return {
@@ -295,7 +302,7 @@ def _save(data: Path, name: str, network: Any, training_seed: int = 0) -> Path:
     folder.mkdir(parents=True)
     camera = projection_matrix(CAMERA).tolist() if config.image else None
     resolution = [CAMERA.resolution] * 2 if config.image else None
-    charts = {"side": config.side} if config.touch else None
+    charts = {"side": config.side} if config.takes_charts else None
     save_model(folder, network, Trained(configuration=name, network=config, camera=camera, resolution=resolution, charts=charts))
     hardware = {"device": "test CPU", "processes": 1, "threads": 1, "precision": "32-true"}
     facts = {

@@ -13,6 +13,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import Unit
 from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.geometry.mesh_cleaning import POSITION, bounding_diagonal
+from pipeline.kernels.touch.touched_points import chart_touches
 from pipeline.kernels.vision.camera import project_points, projection_matrix
 from pipeline.models.families import load_reconstructor
 from pipeline.models.observation import Observation
@@ -79,8 +80,8 @@ def test_scaled_observation_gives_the_scaled_surface(tmp_path, way):
     )
     matrix = projection_matrix(spheres.CAMERA) if model.config.image else None
     nearer = None if matrix is None else np.column_stack([matrix[:, :3], SHRINK * matrix[:, 3] - (1 - SHRINK) * matrix[:, :3] @ POSITION])
-    large = Observation(image, charts, np.ones(len(charts), bool), matrix)
-    small = Observation(image, shrunk(charts).astype(np.float32), large.touched, nearer, scale=1 / SHRINK)
+    large = Observation(image, chart_touches(charts, np.ones(len(charts), bool)), matrix)
+    small = Observation(image, chart_touches(shrunk(charts), large.touched), nearer, scale=1 / SHRINK)
     whole, part = (model.reconstruct([seen])[0].vertices for seen in (large, small))
     assert np.abs(part - shrunk(whole)).max() < 1e-5
 

@@ -9,6 +9,7 @@ import trimesh
 
 from pipeline.contrib.report.results import trainings_table
 from pipeline.errors import InvalidInput
+from pipeline.kernels.networks.implicit_network import pad_touches
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.models.families import ROWS, load_reconstructor, model_name, reconstructor_type, rows_of, trained_models
 from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
@@ -88,7 +89,8 @@ def test_half_of_the_items_with_image_and_touches_are_at_a_wrong_place_and_their
         centre, radius = ball_of(queries.numpy().astype(np.float64), distances.numpy().astype(np.float64))
         assert may_move or not is_moved
         assert (np.abs(centre - spheres.CENTRE).max() > 1e-4) == is_moved
-        reach = np.linalg.norm(observation.scaled(spheres.CENTRE).touch_vertices[observation.touched] - centre, axis=2)
+        felt = [touch.points for touch in observation.scaled(spheres.CENTRE).touches]
+        reach = np.linalg.norm(np.concatenate([np.zeros((0, 3)), *felt]) - centre, axis=1)
         np.testing.assert_allclose(reach, radius, atol=1e-4)
 
 
@@ -147,13 +149,8 @@ def test_step_without_images_gives_every_weight_a_gradient(data):
     """Processes that share a step wait for each of them."""
     settings = resolve("train-implicit", "draft", SETTINGS)
     network = reconstructor_type(NAME).network_type(settings.network(spheres.SIDE), torch.Generator().manual_seed(0)).train()
-    none = {
-        "images": None,
-        "camera": None,
-        "touch_vertices": torch.zeros(0, spheres.SIDE**2, 3),
-        "touched": torch.zeros(0, dtype=torch.bool),
-    }
-    network(torch.rand(2, 5, 3), **none, counts=[0, 0]).sum().backward()
+    none = pad_touches([(), ()], torch.zeros(1))
+    network(torch.rand(2, 5, 3), images=None, camera=None, touches=none).sum().backward()
     assert all(weights.grad is not None for weights in network.encoder.parameters())
 
 

@@ -12,6 +12,7 @@ from pipeline.contrib.report.report_source import Evaluation
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.networks.network_configurations import IMPLICIT_CONFIGURATIONS
+from pipeline.kernels.touch.touched_points import chart_touches
 from pipeline.models.families import load_reconstructor
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
@@ -89,7 +90,7 @@ def test_mesh_of_a_touched_ball_is_closed_and_of_nearly_its_size(data):
 
 def test_stored_meshes_equal_those_of_the_model(data):
     model = load_reconstructor(NAME, folder_of(data, f"models/implicit/{NAME}"))
-    predicted = model.reconstruct([Observation(None, np.zeros((0, 9, 3), np.float32)), Observation(None, np.zeros((0, 9, 3), np.float32))])
+    predicted = model.reconstruct([Observation(None), Observation(None)])
     assert np.array_equal(predicted[0].vertices, predicted[1].vertices)
     assert len(predicted[0].faces)  # one that knows nothing answers something
     assert predicted[0].is_whole
@@ -114,7 +115,7 @@ def test_mesh_passes_through_touches_off_the_predicted_surface(data):
     flat = np.stack([*np.meshgrid(side, side[::-1]), np.zeros((9, 9))], axis=-1).reshape(-1, 3)
     for away in (-0.02, 0.02):
         felt = spheres.CENTRE + flat + [0.003, -0.002, TRUE_RADIUS + away]  # on the ball's top the network expects it 2 cm off
-        observation = Observation(None, felt[None].astype(np.float32), np.array([True]))
+        observation = Observation(None, chart_touches(felt[None], np.array([True])))
         made = model.reconstruct([observation])[0]
         apart = trimesh.proximity.closest_point(trimesh.Trimesh(made.vertices, made.faces, process=False), felt)[1]
         assert apart.max() < 5e-4
@@ -131,7 +132,7 @@ def test_untouched_pieces_are_left_out_without_an_image(data, monkeypatch):
     monkeypatch.setattr(model.network, "decode_with_touches", distances)
     for touched, pieces in ((middles[0] + [0.08, 0, 0], 1), (middles[1] + [0.05, 0, 0], 2)):
         felt = np.tile(touched, (1, 9, 1)).astype(np.float32)
-        (made,) = model.reconstruct([Observation(None, felt, np.array([True]))])
+        (made,) = model.reconstruct([Observation(None, chart_touches(felt, np.array([True])))])
         assert len(trimesh.Trimesh(made.vertices, made.faces, process=False).split()) == pieces
 
 
@@ -143,7 +144,7 @@ def test_guess_is_a_surface_although_two_evaluations_round_differently(data, mon
         return torch.linalg.norm(queries - torch.tensor(spheres.CENTRE), dim=2) + 0.1 + 1e-8 * next(calls)
 
     monkeypatch.setattr(model.network, "decode_with_touches", distances)
-    (made,) = model.reconstruct([Observation(None, np.zeros((0, 9, 3), np.float32), np.zeros(0, bool))])
+    (made,) = model.reconstruct([Observation(None)])
     assert made.is_guess
     assert len(made.faces)
 

@@ -6,6 +6,7 @@ import torch
 
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.transforms import transform_points
+from pipeline.kernels.touch.touched_points import chart_touches
 from pipeline.kernels.vision.camera import project_points, projection_matrix
 from pipeline.models.observation import Observation
 from pipeline.training.items import draw_misplacement, misplace, vary_image, vary_observation
@@ -26,10 +27,10 @@ def varied(seed: int = 0, image: np.ndarray = GREY, **settings: float) -> np.nda
 def test_augmentation_without_variation_draws_and_copies_nothing():
     generator = chance()
     before = generator.get_state()
-    seen = Observation(GREY, np.zeros((4, 9, 3), np.float32), np.ones(4, bool))
+    seen = Observation(GREY, chart_touches(np.zeros((4, 9, 3)), np.ones(4, bool)))
     same = vary_observation(seen, NOTHING, generator)
     assert same.image is GREY
-    assert same.touched is seen.touched
+    assert same.touches is seen.touches
     assert torch.equal(generator.get_state(), before)
 
 
@@ -48,9 +49,9 @@ def test_gain_shift_and_noise_change_images_as_much_as_set():
 
 def test_set_share_of_touch_charts_is_dropped():
     vertices = np.arange(1000, dtype=np.float32)[:, None, None].repeat(9, 1).repeat(3, 2)
-    seen = Observation(None, vertices, np.arange(1000) % 2 == 0)
+    seen = Observation(None, chart_touches(vertices, np.arange(1000) % 2 == 0))
     fewer = vary_observation(seen, GcnSettings(dropped_touches=0.3), chance())
-    kept = fewer.touch_vertices[:, 0, 0].astype(int)
+    kept = np.array([touch.chart[0, 0] for touch in fewer.touches]).astype(int)
     assert len(kept) == pytest.approx(700, abs=60)
     assert (fewer.touched == (kept % 2 == 0)).all()
 
@@ -74,13 +75,13 @@ def test_misplaced_observation_shows_the_moved_points_with_its_camera(seed):
     col, row = np.meshgrid(np.arange(256) + 0.5, np.arange(256) + 0.5)
     at = project_points(camera, point)
     blob = (255 * np.exp(-((col - at[0]) ** 2 + (row - at[1]) ** 2) / 2 / 4**2)).astype(np.uint8)
-    seen = Observation(np.repeat(blob[..., None], 3, axis=2), np.tile(point.astype(np.float32), (1, 9, 1)), np.ones(1, bool), camera)
+    seen = Observation(np.repeat(blob[..., None], 3, axis=2), chart_touches(np.tile(point, (1, 9, 1)), np.ones(1, bool)), camera)
     wrong = misplace(seen, place, CENTRE)
     assert wrong.camera is not None
-    np.testing.assert_allclose(wrong.touch_vertices[0], np.tile(transform_points(place, point[None]), (9, 1)), atol=1e-6)
+    np.testing.assert_allclose(wrong.touches[0].points, np.tile(transform_points(place, point[None]), (9, 1)), atol=1e-6)
     weight = wrong.image[..., 0].astype(float)
     mean = np.array([(weight * col).sum(), (weight * row).sum()]) / weight.sum()
-    np.testing.assert_allclose(mean, project_points(wrong.camera, wrong.touch_vertices[0, 0].astype(float)), atol=0.3)
+    np.testing.assert_allclose(mean, project_points(wrong.camera, wrong.touches[0].points[0].astype(float)), atol=0.3)
     np.testing.assert_allclose(project_points(wrong.camera, CENTRE), project_points(camera, CENTRE), atol=1e-6)
 
 
@@ -89,7 +90,7 @@ def test_misplaced_image_is_filled_with_the_background_although_a_hand_is_at_its
     image, shift = np.full((256, 256, 3), 230, np.uint8), np.eye(4)
     shift[:2, 3] = 0.2
     image[:40, 50:200] = 70
-    seen = Observation(image, np.zeros((1, 9, 3), np.float32), np.ones(1, bool), camera)
+    seen = Observation(image, chart_touches(np.zeros((1, 9, 3)), np.ones(1, bool)), camera)
     wrong = misplace(seen, shift, CENTRE)
     assert (wrong.image == 230).all(axis=2).sum() > 0.8 * 256 * 256
     assert (wrong.image[-20:] == 230).all()

@@ -1,8 +1,9 @@
 """The contact of a ball with a gel: its circle in a photograph, the impression behind it, and its pixels as equations.
 
-Valid range: balls larger than their contacts.
+Valid range: contacts up to the ball's equator.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,6 +21,7 @@ RING = 3.0  # radius of the region around a contact that is fitted and compared,
 HALVINGS = 14  # of the interval in which a ball's depth is searched: accurate to a ten-thousandth
 CONTACT_WEIGHT = 3.0  # of a pixel in the contact, where colours change more, relative to one in the ring around it
 SAMPLES = 11  # pixels per radius of a contact that are fitted: neighbours hold the same information
+ROUNDING = 1e-9  # share by which a contact at the ball's equator may be larger than it
 RIDGE = 1e-6  # share of the mean diagonal of the normal equations, for terms that the photographs do not separate
 
 
@@ -44,15 +46,15 @@ class Photograph:
 def ball_impression(
     sensor: Sensor,
     contact: Circle,  # its radius is one along x where pixels are not square
-    ball_radius: float,  # m, more than the contact's
+    ball_radius: float,  # m, not less than the contact's
 ) -> Array:  # (rows, cols) m
     """Compute the impression of a ball from its circle of contact with the sensor's membrane or elastic gel."""
     reach = contact.radius * sensor.pitch[1]
-    if reach >= ball_radius:
+    if reach > ball_radius * (1 + ROUNDING):
         raise ValueError(f"a contact of {MM * reach:.3g} mm radius is too large for a ball of {MM * ball_radius:.3g} mm")
     distance = distance_from(sensor, contact)
     height = np.sqrt(np.maximum(ball_radius**2 - distance**2, 0))
-    shallow = np.sqrt(ball_radius**2 - reach**2)  # of the ball's centre above the gel, if nothing around is drawn in
+    shallow = math.sqrt(max(ball_radius**2 - reach**2, 0))  # of the ball's centre above the gel, if nothing around is drawn in
     if sensor.membrane == 0 and sensor.gel is None:
         return np.asarray(np.maximum(height - shallow, 0))
     low, high, inside = 0.0, shallow, distance <= reach  # no deeper than its equator
@@ -143,7 +145,7 @@ def solve(equations: Array) -> Array:
     return np.linalg.solve(matrix + ridge, right)
 
 
-def left_out_error(samples: Sequence[Sample]) -> float:
-    """Average the error of each photograph by a fit to all others, levels: contacts plus rings."""
+def left_out_errors(samples: Sequence[Sample]) -> Array:  # (samples,)
+    """Compute the error of each photograph by a fit to all others, levels: contact plus ring."""
     total = np.sum([sample.equations for sample in samples], axis=0)
-    return float(np.mean([sample.error(solve(total - sample.equations)) for sample in samples]))
+    return np.array([sample.error(solve(total - sample.equations)) for sample in samples])

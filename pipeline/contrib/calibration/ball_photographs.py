@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from pipeline.contrib.calibration.find_contact import SMALLEST, contact_aspect, 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import read_text
 from pipeline.formats.image_file import image_files, read_image
+from pipeline.kernels.touch.marker_removal import MarkerRemoval
 from pipeline.kernels.touch.photograph_faults import photograph_faults, stop_at
 
 CIRCLES = "circles.csv"
@@ -22,20 +24,28 @@ CIRCLES = "circles.csv"
 MAX_BYTES = 10 * 2**20  # largest size of `CIRCLES`
 ROUND = 0.04
 """Largest deviation of width over height from 1 on square pixels: 0.032 in public photographs, 0.041 ± 0.012 in simulated ones."""
+WIDER = 1.1  # radii of the ball up to which a stated contact is taken for its equator
 MIN_PHOTOGRAPHS = 4  # half of them are fitted, the others tested
 
 
 def read_photographs(
     folder: Path,  # image files, in it and in folders below it, and perhaps a file `CIRCLES`
     untouched_path: Path,  # the photograph with nothing in the gel; it may lie in the folder
+    largest: float,  # radius of the ball, pixels
     *,
     row_scale: float | None = None,  # height over width of a pixel; by default pixels are square, and contacts must be round
     accept_photographs: bool = False,  # use photographs that look altered as a whole beside the untouched one; else they are errors
 ) -> tuple[list[Photograph], NDArray[np.uint8], dict[str, str]]:  # sorted by name; the untouched one; why others are unusable, by name
-    """Read photographs, and detect their contacts."""
+    """Read photographs, fill in dots that are printed on the gel, and detect contacts."""
     if not folder.is_dir():
         raise InvalidInput(f"folder {folder} does not exist; give one with photographs of a ball in the gel")
-    untouched, circles = read_image(untouched_path), _read_circles(folder / CIRCLES)
+    if largest < SMALLEST:
+        raise InvalidInput(
+            f"the ball's radius is {largest:.3g} pixels, {SMALLEST:g} are needed: are --ball-radius and --mm-per-pixel in mm?"
+        )
+    as_taken, circles = read_image(untouched_path), _read_circles(folder / CIRCLES)
+    markers = MarkerRemoval(as_taken)
+    untouched = markers.fill(as_taken)
     photographs: list[Photograph] = []
     unusable: dict[str, str] = {}
     altered: list[str] = []
@@ -43,10 +53,12 @@ def read_photographs(
         name = path.relative_to(folder).as_posix()
         try:
             image = read_image(path)
-            if not accept_photographs and (faults := photograph_faults(image, untouched, name=name)):
+            if not accept_photographs and (faults := photograph_faults(image, as_taken, name=name)):
                 altered += faults
                 continue
-            photographs.append(Photograph(name, image, _contact(image, untouched, circles.get(name), row_scale or 1.0)))
+            _check_size(image, untouched)
+            image = markers.fill(image)
+            photographs.append(Photograph(name, image, _contact(image, untouched, largest, circles.get(name), row_scale or 1.0)))
         except InvalidInput as error:
             unusable[name] = str(error)
     stop_at(altered)
@@ -58,14 +70,14 @@ def read_photographs(
         causes = reasons(unusable) or "it holds no others"
         raise InvalidInput(f"{folder} has {pluralise(len(photographs), 'usable photograph')}, {MIN_PHOTOGRAPHS} are needed; {causes}")
     if row_scale is None:
-        _check_roundness(photographs, untouched)
+        _check_roundness(photographs, untouched, largest)
     return photographs, untouched, unusable
 
 
-def _check_roundness(photographs: list[Photograph], untouched: NDArray[np.uint8]) -> None:
+def _check_roundness(photographs: list[Photograph], untouched: NDArray[np.uint8], largest: float) -> None:
     """Raise an `InvalidInput` if contacts are ellipses: pixels are not square."""
     by_size = sorted(photographs, key=lambda photograph: photograph.contact.radius)
-    measured = (contact_aspect(photograph.image, untouched, photograph.contact) for photograph in by_size)
+    measured = (contact_aspect(photograph.image, untouched, photograph.contact, largest) for photograph in by_size)
     aspects = [aspect for aspect in measured if aspect is not None]
     if len(aspects) < MIN_PHOTOGRAPHS:
         return
@@ -81,15 +93,18 @@ def _check_roundness(photographs: list[Photograph], untouched: NDArray[np.uint8]
     )
 
 
-def _contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8], annotated: Circle | None, row_scale: float) -> Circle:
+def _check_size(image: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> None:
     if image.shape != untouched.shape:
         size, untouched_size = (f"{pixels.shape[0]} x {pixels.shape[1]}" for pixels in (image, untouched))
         raise InvalidInput(f"it has {size} pixels, the untouched photograph {untouched_size}")
+
+
+def _contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8], largest: float, annotated: Circle | None, row_scale: float) -> Circle:
     if annotated is None:
         if row_scale == 1:
-            return find_contact(image, untouched)
+            return find_contact(image, untouched, largest)
         stretched = [_stretched(pixels, row_scale) for pixels in (image, untouched)]
-        found = find_contact(*stretched)
+        found = find_contact(stretched[0], stretched[1], largest)
         return Circle(found.x, (found.y + 0.5) * len(image) / len(stretched[0]) - 0.5, found.radius)
     rows, cols = image.shape[:2]
     outside = (max(-place, place - last, 0.0) for place, last in ((annotated.x, cols - 1), (annotated.y, rows - 1)))
@@ -98,7 +113,12 @@ def _contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8], annotated: 
             f"its contact in {CIRCLES}, x {annotated.x:g}, y {annotated.y:g}, radius {annotated.radius:g}, lies outside its "
             f"{cols} x {rows} pixels; correct that line"
         )
-    return annotated
+    if annotated.radius > WIDER * largest:
+        raise InvalidInput(
+            f"its contact in {CIRCLES}, of {annotated.radius:g} pixels radius, is wider than the ball, {largest:.1f}: correct that line, "
+            "--ball-radius or --mm-per-pixel"
+        )
+    return replace(annotated, radius=min(annotated.radius, largest))
 
 
 def _stretched(image: NDArray[np.uint8], row_scale: float) -> NDArray[np.uint8]:

@@ -1,5 +1,6 @@
 """Calibrate a sensor from photographs of a ball in its gel, and write its file."""
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,14 +12,12 @@ import yaml
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipeline.console import pluralise
 from pipeline.contrib.calibration.ball_contact import RING, Photograph, ball_impression, distance_from
-from pipeline.contrib.calibration.ball_photographs import MIN_PHOTOGRAPHS, reasons
 from pipeline.contrib.calibration.colour_fit import ColourFit, ColourFitOptions, fit_background, fit_colours
 from pipeline.drawing.picture_sheet import spread_evenly
 from pipeline.drawing.plots import save_figure
 from pipeline.errors import InvalidInput
-from pipeline.formats.image_file import read_image
+from pipeline.formats.image_file import encode_image
 from pipeline.kernels.touch.calibrated_shading import indentation_change
 from pipeline.kernels.touch.depth_maps import gel_under
 from pipeline.kernels.touch.sensor import Calibration, Sensor
@@ -49,7 +48,6 @@ class CalibrationResult:
     photographs: list[Photograph]  # all that were used; the odd ones are held out from `half`
     fitted_errors: list[ImageErrors]  # of `half` on the photographs that it was fitted to
     tested_errors: list[ImageErrors]  # and on the others
-    unusable: dict[str, str]  # why other photographs are not used, by name
 
     @property
     def tested(self) -> list[Photograph]:
@@ -98,31 +96,24 @@ def calibrate(
     *,
     ball_radius: float,  # m
     options: ColourFitOptions,
-    unusable: dict[str, str],  # why other photographs are not used, by name
 ) -> CalibrationResult:
     """Fit a sensor to every second photograph and test it on the others; then fit it to all."""
-    usable, unusable = list[Photograph](), dict(unusable)
-    for photograph in photographs:
-        if photograph.contact.radius * sensor.pitch[1] < ball_radius:
-            usable.append(photograph)
-        else:
-            unusable[photograph.name] = f"its contact of {photograph.contact.radius:.0f} pixels is wider than the ball"
-    if len(usable) < MIN_PHOTOGRAPHS:
-        raise InvalidInput(f"{pluralise(len(usable), 'photograph')} can be used, {MIN_PHOTOGRAPHS} are needed; {reasons(unusable)}")
-    deepest = max(usable, key=lambda photograph: photograph.contact.radius)
-    depth = ball_radius - np.sqrt(ball_radius**2 - (deepest.contact.radius * sensor.pitch[1]) ** 2)  # of a gel that is not drawn in
+    deepest = max(photographs, key=lambda photograph: photograph.contact.radius)
+    depth = ball_radius - math.sqrt(
+        max(ball_radius**2 - (deepest.contact.radius * sensor.pitch[1]) ** 2, 0)
+    )  # of a gel that is not drawn in
     if depth > sensor.w:
         raise InvalidInput(
             f"in {deepest.name} the ball is pressed in {1e3 * depth:.3g} mm deep, the gel is {1e3 * sensor.w:.3g} mm thick; give its "
             "thickness with --thickness, or correct --ball-radius and --mm-per-pixel"
         )
-    half = fit_colours(sensor, usable[::2], untouched, ball_radius, options)
+    half = fit_colours(sensor, photographs[::2], untouched, ball_radius, options)
     fitted, tested = (
         [_image_errors(half.sensor, half.calibration, photograph, untouched, ball_radius) for photograph in part]
-        for part in (usable[::2], usable[1::2])
+        for part in (photographs[::2], photographs[1::2])
     )
-    fit = fit_colours(sensor, usable, untouched, ball_radius, options)
-    return CalibrationResult(fit, half, usable, fitted, tested, unusable)
+    fit = fit_colours(sensor, photographs, untouched, ball_radius, options)
+    return CalibrationResult(fit, half, list(photographs), fitted, tested)
 
 
 def _image_errors(
@@ -153,7 +144,7 @@ def render_contact(
 def write_sensor(
     result: CalibrationResult,
     path: Path,
-    untouched_path: Path,
+    untouched: NDArray[np.uint8],  # (rows, cols, 3)
     *,
     background_degree: int | None,  # of a polynomial in place of the untouched photograph; None for the photograph
     note: str,  # comment at the head of the file
@@ -161,12 +152,11 @@ def write_sensor(
     """Write the sensor file, and beside it the untouched photograph unless the background is a polynomial."""
     sensor, calibration = result.fit.sensor, result.fit.calibration
     if background_degree is None:
-        photograph = path.with_name(f"{path.stem}-untouched{untouched_path.suffix.lower()}")
-        if photograph.resolve() != untouched_path.resolve():  # a previous run may have written it
-            write_atomically(photograph, untouched_path.read_bytes())
+        photograph = path.with_name(f"{path.stem}-untouched.png")
+        write_atomically(photograph, encode_image(untouched))
         background: Any = photograph.name
     else:
-        background = [list(levels) for levels in fit_background(read_image(untouched_path), sensor, background_degree)]
+        background = [list(levels) for levels in fit_background(untouched, sensor, background_degree)]
     described = sensor.model_dump(mode="json", exclude_none=True, exclude={"lights", "diffuse", "calibrated"})
     optics = {**calibration.model_dump(mode="json"), "background": background}
     text = yaml.safe_dump({**described, "calibrated": optics}, sort_keys=False, default_flow_style=None, width=140)

@@ -4,7 +4,7 @@ Valid range: contacts of 8 pixels radius or more.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -18,7 +18,7 @@ from pipeline.contrib.calibration.ball_contact import (
     Photograph,
     Sample,
     contact_box,
-    left_out_error,
+    left_out_errors,
     sample_photographs,
     solve,
 )
@@ -27,7 +27,8 @@ from pipeline.kernels.touch.calibrated_shading import polynomial_terms, powers, 
 from pipeline.kernels.touch.sensor import MM, POSITION_TERMS, Box, Calibration, Gel, Levels, Sensor, Shadow, pixel_centres
 
 MEMBRANES = (0.0, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)  # widths of the membrane that are tried, contact radii
-THICKNESSES = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)  # of an elastic gel, contact radii; the last is nearly a half-space
+THICKNESSES = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)  # of an elastic gel, contact radii, up to the sensor's w
+AGREE = 1.5  # largest ratio of the thicknesses that the smaller and the larger contacts ask for: of neighbours in `THICKNESSES`
 MODULUS = 2e5  # Pa, of an elastic gel whose forces were not measured: its shape does not depend on it
 POSITION_DEGREES = (0, 1, 2, 3, 4, 5)  # degrees of the polynomial in the position that are tried
 GAIN = 0.02  # share of the least error by which a later choice must improve to be preferred
@@ -61,7 +62,7 @@ class ColourFit:
     sensor: Sensor  # with its membrane or elastic gel
     calibration: Calibration  # its optics; the background is the untouched photograph's mean, a constant
     position_degree: int
-    at_end: tuple[str, ...]  # a sentence for each fitted value at the end of the searched range
+    doubts: tuple[str, ...]  # a sentence for each fitted value that the photographs do not determine, or at the end of the searched range
 
 
 @dataclass(frozen=True)
@@ -88,8 +89,9 @@ def fit_colours(
     """Fit the gel, coefficients and shadows.
 
     The gel, and then the degree in the position, are those with which a fit to all photographs but one predicts that one best, on average;
-    a wider membrane, a thicker gel or a higher degree is taken only if it gains more than `GAIN`. Then all photographs are fitted, and
-    shadows are added, each the one that explains most of what is left.
+    a wider membrane, a thicker gel or a higher degree is taken only if it gains more than `GAIN`. An elastic gel has the sensor's thickness
+    w if smaller and larger contacts ask for different ones. Then all photographs are fitted, and shadows are added, each the one that
+    explains most of what is left.
     """
     radius = float(np.median([photograph.contact.radius for photograph in photographs])) * sensor.pitch[1]
     within = contact_box(sensor, [photograph.contact for photograph in photographs])
@@ -102,21 +104,24 @@ def fit_colours(
     position_degree = options.position_degree
     usual = USUAL_DEGREE if position_degree is None else position_degree
     gels = [_GelShape(False, width) for width in MEMBRANES if not options.elastic]
-    gels += [_GelShape(True, thickness, options.poisson) for thickness in THICKNESSES if options.elastic is not False]
-    candidates = [gel.of(sensor, radius) for gel in gels]
-    best = _simplest_good([left_out_error(sampled(candidate, usual)) for candidate in candidates])
-    fitted = candidates[best]
+    assumed = sensor.w / radius
+    thicknesses = [] if options.elastic is False else [*(size for size in THICKNESSES if size < assumed), assumed]
+    gels += [_GelShape(True, thickness, options.poisson) for thickness in thicknesses]
+    errors = np.array([left_out_errors(sampled(gel.of(sensor, radius), usual)) for gel in gels])  # (gels, photographs)
+    gel, doubts = _choose_gel(gels, errors, np.array([photograph.contact.radius for photograph in photographs]), radius)
+    fitted = gel.of(sensor, radius)
     samples = sampled(fitted, POSITION_DEGREES[-1] if position_degree is None else position_degree)
     terms = len(powers(options.normal_degree))  # without a constant, and with the depth
     if position_degree is None:
         by_degree = [_up_to_degree(samples, degree, terms) for degree in POSITION_DEGREES]
-        chosen = _simplest_good([left_out_error(of_degree) for of_degree in by_degree])
+        chosen = _simplest_good([left_out_errors(of_degree).mean() for of_degree in by_degree])
         position_degree, samples = POSITION_DEGREES[chosen], by_degree[chosen]
     samples, shadows = _with_shadows(samples, fitted, options.shadows)
     mean: Levels = tuple(untouched.mean(axis=(0, 1)).tolist())
-    at_end = _at_end(gels[best], position_degree if options.position_degree is None else None)
+    if options.position_degree is None and position_degree == POSITION_DEGREES[-1]:
+        doubts.append(f"the degree in the position is the highest that is tried: --position-degree {position_degree + 1} may be better")
     calibration = _calibration(samples, shadows, (terms, len(powers(position_degree))), (mean,), within)
-    return ColourFit(fitted, calibration, position_degree, tuple(at_end))
+    return ColourFit(fitted, calibration, position_degree, tuple(doubts))
 
 
 def _simplest_good(errors: Sequence[float]) -> int:
@@ -124,14 +129,27 @@ def _simplest_good(errors: Sequence[float]) -> int:
     return next(number for number, error in enumerate(errors) if error <= (1 + GAIN) * min(errors))
 
 
-def _at_end(gel: _GelShape, degree: int | None) -> Iterator[str]:
-    """Describe the choices at the end of the tried range; `degree` is None if the user gave it."""
-    if not gel.elastic and gel.size == MEMBRANES[-1]:
-        yield f"the membrane is as wide as the widest that is tried, {gel.size:g} contact radii: is the ball's radius right?"
-    if gel.elastic and gel.size in (THICKNESSES[0], THICKNESSES[-1]):
-        yield f"the elastic gel is as thick as the first or last that is tried, {gel.size:g} contact radii: is the ball's radius right?"
-    if degree == POSITION_DEGREES[-1]:
-        yield f"the degree in the position is the highest that is tried, {degree}: --position-degree {degree + 1} may be better"
+def _choose_gel(
+    gels: Sequence[_GelShape],  # of which the last has the assumed thickness, if one is elastic
+    errors: Array,  # (gels, photographs)
+    sizes: Array,  # (photographs,) radii of the contacts
+    radius: float,  # that gels are measured in, m
+) -> tuple[_GelShape, list[str]]:
+    """Choose the gel that predicts best, or, if contacts disagree on its thickness, the assumed one; and describe doubts."""
+    best, ask = gels[_simplest_good(errors.mean(axis=1).tolist())], "is the ball's radius right?"
+    if not best.elastic:
+        widest = best.size == MEMBRANES[-1]
+        return best, [f"the membrane is as wide as the widest that is tried, {best.size:g} contact radii: {ask}"] if widest else []
+    of_halves = np.array_split(np.argsort(sizes, kind="stable"), 2)
+    small, large = (gels[_simplest_good(errors[:, half].mean(axis=1).tolist())].size for half in of_halves)
+    held = f"the thickness of the gel, {MM * radius * gels[-1].size:.3g} mm, is taken, which --thickness states"
+    if best is gels[-1]:
+        return best, [f"photographs show no elastic layer that is thinner than the gel: {held}"]
+    if max(small, large) > AGREE * min(small, large):
+        asked = " and ".join(f"{MM * radius * size:.2g} mm" for size in (small, large))
+        return gels[-1], [f"photographs do not determine the elastic layer (smaller and larger contacts ask for {asked}): {held}"]
+    thinnest = best.size == THICKNESSES[0]
+    return best, [f"the elastic layer is as thin as the thinnest that is tried, {best.size:g} contact radii: {ask}"] if thinnest else []
 
 
 def _up_to_degree(samples: Sequence[Sample], degree: int, terms: int) -> list[Sample]:

@@ -47,25 +47,30 @@ def calibrate_sensor(
     from pipeline.contrib.calibration import calibrate_sensor as calibration
     from pipeline.contrib.calibration.ball_photographs import read_photographs
     from pipeline.contrib.calibration.colour_fit import FIT_FOR_DEPTH, ColourFitOptions, missing_photographs
+    from pipeline.formats.image_file import read_image
     from pipeline.kernels.touch.calibrated_shading import fitted_range
 
     calibration.check_name(out, untouched)
     row_scale = mm_per_row and mm_per_row / mm_per_pixel
-    photographs, image, unusable = read_photographs(folder, untouched, row_scale=row_scale, accept_photographs=accept_photographs)
+    photographs, image, unusable = read_photographs(
+        folder, untouched, ball_radius / mm_per_pixel, row_scale=row_scale, accept_photographs=accept_photographs
+    )
+    if (image != read_image(untouched)).any():
+        print_lines("dots that are printed on the gel are filled in")
     radius, began = 1e-3 * ball_radius, time.perf_counter()
     defaults = FIT_FOR_DEPTH if train else ColourFitOptions()
     options = replace(defaults, normal_degree=normal_degree, position_degree=position_degree, shadows=shadows)
     try:
         sizes = {"pitch": 1e-3 * mm_per_pixel, "thickness": 1e-3 * thickness, "row_scale": row_scale or 1.0}
         sensor = calibration.uncalibrated_sensor(out.stem, image.shape[:2], **sizes)
-        result = calibration.calibrate(sensor, photographs, image, ball_radius=radius, options=options, unusable=unusable)
+        result = calibration.calibrate(sensor, photographs, image, ball_radius=radius, options=options)
     except ValidationError as error:
         raise InvalidInput(f"no sensor is like this: {invalid_entries(error)}; are lengths in mm?") from error
-    for name, reason in result.unusable.items():
+    for name, reason in unusable.items():
         print_warning("not used:", f"{name}: {reason}")
     fit = result.fit
     note = f"Fitted by `vt-pipeline calibrate-sensor` to {len(result.photographs)} photographs of a ball of {ball_radius:g} mm radius."
-    calibration.write_sensor(result, out, untouched, background_degree=background_degree, note=note)
+    calibration.write_sensor(result, out, image, background_degree=background_degree, note=note)
     rows = []
     for title, image_errors in (("fitted to", result.fitted_errors), ("held out", result.tested_errors)):
         means = np.mean([[entry.contact, entry.ring, entry.untouched_contact, entry.untouched_ring] for entry in image_errors], axis=0)
@@ -80,8 +85,8 @@ def calibrate_sensor(
         f"then fitted to all {len(result.photographs)}; {surface}, position degree {fit.position_degree}",
         *fitted_range(fit.calibration),
     )
-    for line in fit.at_end:
-        print_warning("at the end of its range:", line)
+    for line in fit.doubts:
+        print_warning("in doubt:", line)
     for line in missing_photographs(fit.sensor, fit.calibration, [photograph.contact for photograph in result.photographs]):
         print_warning("missing:", line)
     report = out.with_name(f"{out.stem}-calibration.png")

@@ -104,6 +104,7 @@ def export_grasps(data: Location, folder: Path, objects: Sequence[str] = ()) -> 
         arrays |= {name: row[name] for name in ("held", "force", "pressure") if name in row}
         described: dict[str, Any] = {
             "metres_per_unit": scale,
+            "up": grasped.frame[2, :3],  # the world's z
             "object_file": f"{grasped.name}.obj",
             "hand": hand.name,
             "joint_names": hand.joint_names,

@@ -166,6 +166,6 @@ def _inline(image: NDArray[np.uint8]) -> str:  # a data URI, so that a page is o
     return _data_uri(image.tobytes(), image.shape)
 
 
-@lru_cache(maxsize=256)  # sensors that touch nothing see the same, and so do cameras without the hand
+@lru_cache(maxsize=64)  # sensors that touch nothing see the same, and so do cameras without the hand
 def _data_uri(pixels: bytes, shape: tuple[int, ...]) -> str:
     return f"data:image/webp;base64,{base64.b64encode(_webp(np.frombuffer(pixels, np.uint8).reshape(shape))).decode()}"

@@ -73,6 +73,9 @@ def _command(directory: DataDirectory, origin: Provenance) -> Iterator[str]:
     for key, value in origin.settings.items():
         if preset.get(key) != value:
             yield from ("--set", assignment(f"{origin.stage}.{key}", value))
+    for key, field in load_stage(origin.stage).settings_type.model_fields.items():
+        if field.default is None and origin.speed_settings.get(key) is not None:  # such as a folder, without which a stage cannot run
+            yield from ("--set", assignment(f"{origin.stage}.{key}", origin.speed_settings[key]))
 
 
 def _preset_values(directory: DataDirectory, origin: Provenance) -> dict[str, Any]:

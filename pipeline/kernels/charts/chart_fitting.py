@@ -11,7 +11,8 @@ from pipeline.kernels.arrays import Array
 from pipeline.kernels.charts.chart_steps import ChartState, chamfer_and_gradient, chart_area, descend, planar_grid, take_steps
 from pipeline.kernels.charts.touch_chart import FitOptions, chart_square
 from pipeline.kernels.geometry.signed_distance import rms_distance_to_surface
-from pipeline.kernels.metrics.cloud_distances import checked_cloud, sampling_floor
+from pipeline.kernels.metrics.cloud_distances import sampling_floor
+from pipeline.kernels.metrics.nearest_points import checked_cloud
 from schemas.charts import StopRule
 
 CHECK_MARGIN = 2.0  # times the halt, below which an estimate calls for a check: in 10 steps the loss falls by less

@@ -9,7 +9,7 @@ import scipy
 import trimesh
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.arrays import Array, Floats, Indices, Integers
+from pipeline.kernels.arrays import Array, Indices, Integers
 from pipeline.kernels.geometry.level_set import level_set_mesh
 from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products, is_watertight, mesh_edges, without_slivers
 from pipeline.kernels.geometry.signed_distance import inside_test
@@ -126,12 +126,12 @@ SPLITS = {
 def closed_surface(
     vertices: Array,  # (V, 3) m
     faces: Integers,  # (F, 3); the surface may be crumpled, open, or cross itself
-    charts: Floats,  # (K, S, 3) touch charts in the same frame, m; K may be 0; bulges reach those far from the surface
-    chart_faces: Integers,  # (G, 3) of each chart, wound so that normals point into the object, as the sensor's do
+    points: Array,  # (N, 3) touched, m; bulges reach those far from the surface
+    normals: Array,  # (N, 3) unit, outwards; 0 where unknown
     *,
     resolution: int = RESOLUTION,  # edges of the mesh along the longest side of the surface's box, `COARSEST` or more
 ) -> tuple[Array, Integers]:
-    """Make one closed, smooth mesh of one part, normals outwards, that passes within 0.5 mm of each vertex of the touch charts."""
+    """Make one closed, smooth mesh of one part, normals outwards, that passes within 0.5 mm of each touched point."""
     if resolution < COARSEST:
         raise InvalidInput(f"resolution {resolution}: thin parts vanish in so coarse a mesh; give {COARSEST} edges or more")
     used_vertices = vertices[np.unique(faces)]
@@ -142,8 +142,6 @@ def closed_surface(
         vertices = smooth_mesh(vertices, faces, INPUT_SMOOTHING_ROUNDS)
     closed, sides = wrap_surface(vertices, faces, spacing)
     closed = smooth_mesh(closed, sides, WRAP_SMOOTHING_ROUNDS)
-    points = charts.reshape(-1, 3).astype(np.float64)
-    normals = -np.array([vertex_normals(chart, chart_faces) for chart in charts]).reshape(-1, 3)
     return attach_points(closed, sides, points, normals, spacing=spacing, tolerance=TOLERANCE)
 
 

@@ -69,7 +69,8 @@ def collision_spheres(
             if (extent / spacing + 1).prod() > MAX_LATTICE:
                 sides = " x ".join(f"{side:.3g}" for side in extent)
                 fault = f"a collision shape of link {link.name} is {sides} m large"
-                raise InvalidInput(f"{hand.model}: {fault}; is the scale of its mesh right?")
+                remedy = 'is the scale of its mesh right? One in mm needs scale="0.001 0.001 0.001"'
+                raise InvalidInput(f"{hand.model}: {fault}; {remedy}")
             points, depth = _fill(hull, spacing)
             kept = _prune(points, depth, tolerance) if tolerance > 0 else np.arange(len(points))
             filled_shapes.append((points[kept], depth[kept], np.full(len(kept), number, np.intp)))

@@ -1,10 +1,9 @@
-"""Convex collision shapes of links, as physics, distances and overlaps take meshes, and gels that lie inside the links that carry them.
+"""Convex collision shapes of links, as physics, distances and overlaps take meshes.
 
 Time and memory grow with a hull's faces. So a heavy mesh becomes a hull with a budget of faces when the hand is loaded: corners that lie
 no more than a tolerance outside the others' hull are dropped.
 """
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, cast
@@ -15,16 +14,14 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh, without_slivers
-from pipeline.kernels.hand.model import Hand, Link, Shape
-from pipeline.kernels.touch.depth_maps import gel_top
-from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.hand.model import Link, Shape
 
 MAX_FACES = 1000  # of a collision shape; a mesh with no more is used as it is
 TOLERANCE = 1e-4  # m that a heavier hull may lose, a tenth of the clearance of grasps; doubled until the rest fits
+SHRUNKEN_TOLERANCE = 3e-4  # m that a hull for physics may lose: each corner costs time wherever the link meets the object
+THINNEST_SHARE = 0.9  # share of the depth of a hull's middle by which its faces may move inwards
 SAMPLE_SPACING = 2e-3  # m, between points on convex shapes at which their distance from the mesh is measured
 ON_SURFACE = 1e-6  # m, within which a point counts as on a convex shape's surface
-ROUNDED = 5e-4  # m, that a sensor plane may lie below its link's surface: origins are rounded, and meshes have facets
-MEETING = 1e-6  # m between shapes that count as one
 
 
 @dataclass(frozen=True)
@@ -89,7 +86,7 @@ def _hull_within(corners: Array, tolerance: float) -> Mesh:
     kept[hull.vertices] = True
     while True:
         hull = _exact_hull(corners[kept])
-        distances, facets = _nearest(corners, hull)
+        distances, facets, _ = nearest_faces(corners, hull)
         missed = np.flatnonzero(distances > tolerance)  # beside a sharp edge, which is farther away than the planes that meet there
         if not len(missed):
             return hull
@@ -97,17 +94,30 @@ def _hull_within(corners: Array, tolerance: float) -> Mesh:
         kept[farthest[np.unique(facets[farthest], return_index=True)[1]]] = True  # one for each facet
 
 
+def shrunken_hull(mesh: Mesh, by: float) -> Mesh:
+    """Compute the convex hull of a mesh with its faces moved inwards, m, by less where it is too thin; it has few corners."""
+    hull = scipy.spatial.ConvexHull(mesh.vertices)
+    planes = np.unique(np.round(hull.equations, 9), axis=0)
+    middle = hull.points[hull.vertices].mean(axis=0)
+    depth = -float((planes[:, :3] @ middle + planes[:, 3]).max())
+    by = min(by, THINNEST_SHARE * depth)
+    planes[:, 3] += by
+    return _hull_within(scipy.spatial.HalfspaceIntersection(planes, middle).intersections, min(SHRUNKEN_TOLERANCE, (depth - by) / 2))
+
+
 def _exact_hull(points: Array) -> Mesh:
     hull = scipy.spatial.ConvexHull(points)
     return Mesh.bare(points[hull.vertices], np.searchsorted(hull.vertices, hull.simplices))
 
 
-def _nearest(points: Array, mesh: Mesh) -> tuple[Array, NDArray[np.int64]]:
-    """Compute the distances (N,) of points (N, 3) from a mesh, m, and the nearest faces (N,)."""
+def nearest_faces(points: Array, mesh: Mesh) -> tuple[Array, NDArray[np.int64], Array]:
+    """Compute the distances (N,) of points (N, 3) from a mesh, m, the nearest faces (N,), and the points (N, 3) there."""
     import igl  # 27 MB, for hands with convex parts only
 
-    squared, face, _ = igl.point_mesh_squared_distance(points, mesh.vertices, without_slivers(mesh.vertices, mesh.faces.astype(np.int64)))
-    return np.sqrt(squared), face
+    squared, face, closest = igl.point_mesh_squared_distance(
+        points, mesh.vertices, without_slivers(mesh.vertices, mesh.faces.astype(np.int64))
+    )
+    return np.sqrt(squared), face, closest
 
 
 def convex_error(link: Link, convex: Link) -> ConvexError:
@@ -127,49 +137,5 @@ def convex_error(link: Link, convex: Link) -> ConvexError:
         for other_hull in (*hulls[:number], *hulls[number + 1 :]):  # where slabs meet, the mesh may be solid
             points = points[signed_distances(points, other_hull.vertices, other_hull.faces) > ON_SURFACE]
         if len(points):
-            filled = max(filled, float(np.min([_nearest(points, mesh)[0] for mesh in meshes], axis=0).max()))
+            filled = max(filled, float(np.min([nearest_faces(points, mesh)[0] for mesh in meshes], axis=0).max()))
     return ConvexError(sum(len(mesh.faces) for mesh in meshes), sum(len(hull.faces) for hull in hulls), max(float(lost), 0.0), filled)
-
-
-def buried_gels(hand: Hand, sensors: Sequence[Sensor]) -> Iterator[tuple[bool, str]]:  # whether all of the gel lies below
-    """Describe the sensors of a hand whose plane lies below their link's surface, each with the remedy."""
-    for mount, sensor in zip(hand.sensors, sensors, strict=True):
-        link, (origin, normal), top = hand.links[mount.link], (mount.pose[:3, 3], mount.pose[:3, 2]), gel_top(sensor)
-        depth = depth_in_link(link, origin, normal, ahead=top)
-        if depth <= ROUNDED:
-            continue
-        remedy = f"move its `origin` by {1e3 * depth:.3g} mm, to {_listed(origin + depth * normal)}"
-        if depth_in_link(link, origin, -normal, ahead=top) <= ROUNDED:
-            remedy = f"its normal points into the link: write `normal: {_listed(-normal)}`"
-        if depth < top:
-            name = f"the sensor plane of {mount.name} lies inside its link {link.name}"
-            yield False, f"{name}, so that objects meet only the outer {1e3 * (top - depth):.2g} mm of its gel; {remedy}"
-        else:
-            yield True, f"the gel of {mount.name} lies inside its link {link.name}, which objects meet first; {remedy}"
-
-
-def depth_in_link(link: Link, point: Array, direction: Array, *, ahead: float) -> float:
-    """Compute how far a point lies below a link's surface along a direction, both (3,) in the link's frame, m; 0 where nothing covers it.
-
-    Collision shapes count as convex, as physics takes them; one that begins less than `ahead`, m, in front of the point covers it too.
-    """
-    spans = []
-    for shape in link.collisions:
-        try:
-            normals, offsets = np.split(scipy.spatial.ConvexHull(shape.mesh.vertices).equations, [3], axis=1)
-        except (scipy.spatial.QhullError, ValueError):  # it is flat or not finite, and reported elsewhere
-            continue
-        slope, height = normals @ direction, normals @ point + offsets[:, 0]  # (F,), the latter positive outside
-        leaving, entering = slope > 1e-9, slope < -1e-9
-        start, end = (-height[entering] / slope[entering]).max(), (-height[leaving] / slope[leaving]).min()
-        if start < end and not (height[~leaving & ~entering] > 0).any():
-            spans.append((start, end))
-    depth = 0.0
-    for start, end in sorted(spans):
-        if start < max(ahead, depth + MEETING):
-            depth = max(depth, float(end))
-    return depth
-
-
-def _listed(vector: Array) -> str:
-    return f"[{', '.join(f'{number + 0.0:.4g}' for number in np.round(vector, 5))}]"

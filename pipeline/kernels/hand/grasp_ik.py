@@ -102,8 +102,8 @@ def blocked_fingers(hand: Hand, boxes: CollisionBoxes, postures: PostureSamples,
             f"(boxes {'overlap' if overlap.depth > 0 else 'are apart'} {1e3 * abs(overlap.depth):.1f} mm)"
             for overlap in between
         ]
-        remedies = dict.fromkeys(remedy(hand, overlap) for overlap in between) or ["`convex_parts` of hollow links"]
-        sentences.append(f"{blocked} are free of {', '.join(pairs) or otherwise}: write {', '.join(remedies)} into {hand.path}")
+        entries = remedy(hand, between) or "`convex_parts` of hollow links"
+        sentences.append(f"{blocked} are free of {', '.join(pairs) or otherwise}: write {entries} into {hand.path}")
     return sentences
 
 

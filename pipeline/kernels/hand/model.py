@@ -162,6 +162,12 @@ class Hand:
         """(S,) number of the finger that carries each sensor, -1 for the palm."""
         return self.link_fingers[[mount.link for mount in self.sensors]]
 
+    @property
+    def torque_unit(self) -> str:
+        """The unit of `torque`: that of joints that turn, that of joints that slide, or both."""
+        slides = {self.joints[link - 1].kind == "prismatic" for link in self.joint_links}
+        return "N m (N where joints slide)" if len(slides) == 2 else "N" if True in slides else "N m"
+
     def joint_values(self, joint_vector: Array) -> dict[str, float]:  # (J,) rad (m)
         """Compute the values of all joints in a posture, rad (m), by name: those that follow others, and frozen ones, too."""
         values = dict(zip(self.joint_names, joint_vector.tolist(), strict=True))

@@ -1,6 +1,6 @@
 """Collisions of a hand with itself: gaps between the boxes of its links, postures that keep them, and links that overlap."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -222,11 +222,16 @@ def frequent_overlaps(hand: Hand, boxes: CollisionBoxes, frames: Array, gap: flo
     return sorted(overlaps, key=lambda overlap: (-overlap.share, overlap.first, overlap.second))
 
 
-def remedy(hand: Hand, overlap: LinkOverlap) -> str:
-    """Name the entry of the hand file that ends an overlap: `convex_parts` of links of one mesh, whose hollows it fills, if any."""
-    links = [hand.links[overlap.first], hand.links[overlap.second]]
-    entries = [f"{link.name}: 8" for link in links if sum(shape.kind == "mesh" for shape in link.collisions) == 1]
-    return f"`convex_parts: {{{', '.join(entries)}}}`" if entries else f"`allowed_contacts: [[{links[0].name}, {links[1].name}]]`"
+def remedy(hand: Hand, overlaps: Iterable[LinkOverlap]) -> str:
+    """Name the entries of the hand file that end overlaps: `convex_parts` of links of one mesh, whose hollows it fills, if any."""
+    parts, contacts = dict[str, None](), list[str]()
+    for overlap in overlaps:
+        links = [hand.links[overlap.first], hand.links[overlap.second]]
+        hollow = [f"{link.name}: 8" for link in links if sum(shape.kind == "mesh" for shape in link.collisions) == 1]
+        parts |= dict.fromkeys(hollow)
+        contacts += [] if hollow else [f"[{links[0].name}, {links[1].name}]"]
+    entries = [f"`convex_parts: {{{', '.join(parts)}}}`"] if parts else []
+    return " and ".join([*entries, *([f"`allowed_contacts: [{', '.join(contacts)}]`"] if contacts else [])])
 
 
 def _resting_gaps(hand: Hand, boxes: CollisionBoxes) -> Iterator[tuple[tuple[int, int], float]]:

@@ -84,4 +84,5 @@ def _gap(low: Array, high: Array, box: int, other_low: Array, other_high: Array,
     x = max(low[0, box] - other_high[0, other], other_low[0, other] - high[0, box], 0.0)
     y = max(low[1, box] - other_high[1, other], other_low[1, other] - high[1, box], 0.0)
     z = max(low[2, box] - other_high[2, other], other_low[2, other] - high[2, box], 0.0)
-    return x**2 + y**2 + z**2
+    squared: float = x**2 + y**2 + z**2
+    return squared

@@ -4,7 +4,7 @@ Of touches a query is given the nearest touched point, and the nearest point tha
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,10 +19,11 @@ from pipeline.kernels.metrics.chamfer import SearchCloud
 from pipeline.kernels.networks.image_encoder import ImageEncoder, MapGrid, pool_features, project_to_pixels
 from pipeline.kernels.networks.network_configurations import ImplicitConfig
 from pipeline.kernels.tensors import COLOURS, draw_weights
+from pipeline.kernels.touch.touched_points import Touch
 
 NEAREST_POINT_FEATURES = 9  # offset, normal, height above the tangent plane, and how close the point is, at two scales
 TOUCH_FEATURES = 2 * NEAREST_POINT_FEATURES  # of the nearest point that was touched, and of the nearest known to be outside
-POINT_FEATURES = 7  # position, normal, and whether it was touched
+POINT_FEATURES = 7  # position, normal, and whether it was touched; networks of gels have the gel's width too, here and above
 SCALES = (0.04, 0.2)  # radii of an object, 1 and 5 cm: closeness is exp(-distance / scale)
 POOLED_SIDE = 4  # windows per side of the deepest map, of whose means a linear layer makes the global features of an image
 INITIAL_OUTPUT_SCALE = 0.1  # of the usual size of initial weights, for the last ones of each residual block
@@ -35,12 +36,13 @@ TANH_SLOPE = 0.05  # added to the tanh of distances, which alone is flat where m
 
 @dataclass(frozen=True)
 class TouchPoints:
-    """The vertices of the touch charts of B items, padded to P, the most of an item; padding is neither touched nor outside."""
+    """What sensors feel of B items, padded to P points, the most of an item; padding is neither touched nor outside."""
 
-    points: Tensor  # (B, P, 3) in radii from the centre
+    points: Tensor  # (B, P, 3) world, m; in a network, radii from the centre
     normals: Tensor  # (B, P, 3) unit normals, away from the object
+    widths: Tensor | None  # (B, P) of the gel that each point is of, in the unit of the points; None in a network that is not given it
     touched: Tensor  # (B, P) bool: points that were touched
-    outside: Tensor  # (B, P) bool: points of sensors that touched nothing
+    outside: Tensor  # (B, P) bool: points that are known to be free
 
     @property
     def present(self) -> Tensor:  # (B, P) bool
@@ -49,13 +51,15 @@ class TouchPoints:
 
     @property
     def point_features(self) -> Tensor:
-        """Describe each point: (B, P, `POINT_FEATURES`)."""
-        return torch.cat([self.points, self.normals, self.touched.to(self.points)[..., None]], dim=2)
+        """Describe each point: (B, P, `POINT_FEATURES`, or one more)."""
+        widths = [] if self.widths is None else [self.widths]
+        return torch.cat([self.points, self.normals, *(values.to(self.points)[..., None] for values in (self.touched, *widths))], dim=2)
 
-    def features_at(self, queries: Tensor) -> tuple[Tensor, Tensor]:  # (B, N, `TOUCH_FEATURES`), (B, N) int64
+    def features_at(self, queries: Tensor) -> tuple[Tensor, Tensor]:  # (B, N, `TOUCH_FEATURES`, or two more), (B, N) int64
         """Compute features of queries (B, N, 3), radii, zeros where no point counts, and the numbers of the nearest touched points."""
         if not self.points.shape[1]:
-            return queries.new_zeros(*queries.shape[:2], TOUCH_FEATURES), queries.new_zeros(queries.shape[:2], dtype=torch.int64)
+            count = TOUCH_FEATURES + 2 * (self.widths is not None)
+            return queries.new_zeros(*queries.shape[:2], count), queries.new_zeros(queries.shape[:2], dtype=torch.int64)
         nearest = [self._nearest(queries, clouds) for clouds in self._clouds]
         pairs = zip(nearest, (self.touched, self.outside), strict=True)
         return torch.cat([self._features(queries, *pair) for pair in pairs], dim=2), nearest[0]
@@ -81,7 +85,8 @@ class TouchPoints:
         offset, normal = queries - self.points.gather(1, at), self.normals.gather(1, at)
         height = (offset * normal).sum(dim=2, keepdim=True)
         distance = offset.norm(dim=2, keepdim=True)
-        features = torch.cat([offset, normal, height, *(torch.exp(-distance / scale) for scale in SCALES)], dim=2)
+        widths = [] if self.widths is None else [self.widths.gather(1, nearest)[..., None]]
+        features = torch.cat([offset, normal, height, *(torch.exp(-distance / scale) for scale in SCALES), *widths], dim=2)
         return features * among.any(dim=1)[:, None, None]
 
 
@@ -99,29 +104,19 @@ def heights_above_touches(
     return height, torch.exp(-((across / reach**2 + along.square()) ** 2)) * normal.any(dim=-1)
 
 
-def chart_normals(vertices: Tensor) -> Tensor:
-    """Compute unit normals (T, S, 3), away from the object, at the vertices (T, S, 3) of touch charts; zeros without area."""
-    side = round(vertices.shape[1] ** 0.5)
-    if not len(vertices):
-        return vertices
-    rows, columns = torch.gradient(vertices.reshape(-1, side, side, 3), dim=(1, 2))
-    across = torch.linalg.cross(rows, columns)  # -z of the sensor, which looks at the object
-    return torch.nn.functional.normalize(across, dim=-1, eps=1e-20).reshape(vertices.shape)
-
-
-def touches_by_item(vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> TouchPoints:  # P is S times the most charts
-    """Group the touch charts (T, S, 3), radii from the centre, of which some touched (T,), by item, with counts per item."""
-    item = torch.repeat_interleave(torch.arange(len(counts)), torch.tensor(counts))
-    slot = torch.cat([torch.arange(0), *map(torch.arange, counts)])
-    where = torch.stack([item, slot]).to(vertices.device)
-
-    def padded_by_item(charts: Tensor) -> Tensor:
-        """Pad (T, S, ...) values per item with zeros: (B, P, ...)."""
-        padded = charts.new_zeros(len(counts), max(counts), *charts.shape[1:])
-        return padded.index_put((where[0], where[1]), charts).flatten(1, 2)
-
-    flags = touched[:, None].expand(vertices.shape[:2])
-    return TouchPoints(padded_by_item(vertices), padded_by_item(chart_normals(vertices)), padded_by_item(flags), padded_by_item(~flags))
+def pad_touches(items: Sequence[Sequence[Touch]], like: Tensor) -> TouchPoints:
+    """Pad what is felt of each of B items to the most points of an item, with the device and type of `like`; world, m."""
+    most = max((sum(len(touch.points) + len(touch.free) for touch in touches) for touches in items), default=0)
+    points, normals = np.zeros((2, len(items), most, 3), np.float32)
+    widths, is_touched, is_free = np.zeros((len(items), most), np.float32), *np.zeros((2, len(items), most), bool)
+    for item, touches in enumerate(items):
+        start = 0
+        for touch in touches:
+            for flags, cloud, directions in ((is_touched, touch.points, touch.normals), (is_free, touch.free, touch.free_normals)):
+                rows = slice(start, start := start + len(cloud))
+                points[item, rows], normals[item, rows], widths[item, rows], flags[item, rows] = cloud, directions, touch.width, True
+    felt = [torch.from_numpy(values).to(like) for values in (points, normals, widths)]
+    return TouchPoints(*felt, *(torch.from_numpy(flags).to(like.device) for flags in (is_touched, is_free)))
 
 
 @dataclass(frozen=True)
@@ -146,7 +141,7 @@ class ImplicitNetwork(nn.Module):
     def __init__(self, config: ImplicitConfig, generator: torch.Generator | None = None) -> None:
         super().__init__()
         self.config = config
-        width, overall, of_pixel = config.features, config.features // 2, 0
+        width, overall, of_pixel, is_of_gels = config.features, config.features // 2, 0, config.touch_points == "gels"
         self.encoder: ImageEncoder | None = None
         with torch.random.fork_rng(devices=[]):  # layers draw from torch's own generator; weights are drawn again from ours
             if config.image is not None:
@@ -154,9 +149,10 @@ class ImplicitNetwork(nn.Module):
                 self.seen = nn.Linear(self.encoder.deepest * POOLED_SIDE**2, overall)
                 of_pixel = COLOURS + self.encoder.channels + (config.image == "any")  # and whether there is an image
             if config.touch:
-                self.felt = nn.Sequential(nn.Linear(POINT_FEATURES, overall), nn.ReLU(), nn.Linear(overall, overall))
+                self.felt = nn.Sequential(nn.Linear(POINT_FEATURES + is_of_gels, overall), nn.ReLU(), nn.Linear(overall, overall))
             codes = overall * ((config.image is not None) + config.touch)
-            self.inputs = [3, codes, of_pixel, TOUCH_FEATURES * config.touch]  # of a query: its position, its item's codes, features
+            of_touch = (TOUCH_FEATURES + 2 * is_of_gels) * config.touch
+            self.inputs = [3, codes, of_pixel, of_touch]  # of a query: its position, its item's codes, features
             self.first, self.last = nn.Linear(sum(self.inputs), width), nn.Linear(width, 1)
             self.blocks = nn.ModuleList(
                 nn.Sequential(nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, width)) for _ in range(config.blocks)
@@ -172,16 +168,20 @@ class ImplicitNetwork(nn.Module):
         return self.decode(self.encode(**inputs), queries)
 
     def encode(
-        self, *, images: Tensor | None, camera: Tensor | None, touch_vertices: Tensor, touched: Tensor, counts: Sequence[int]
+        self,
+        *,
+        images: Tensor | None,  # (B, 3, H, W) in [0, 1]; None for a network without image
+        camera: Tensor | None,  # (3, 4) or (B, 3, 4), world points to pixels of these images; 0 for an optional image that is missing
+        touches: TouchPoints,  # world, m; P is 0 without touch
     ) -> Encoding:
-        """Encode inputs as of `DeformationNetwork.forward`, once for all queries; an optional image that is missing has camera 0."""
-        optional = self.config.image == "any"
-        if ((images is not None) != (self.encoder is not None) and not optional) or (any(counts) and not self.config.touch):
+        """Encode the inputs of B items, once for all queries."""
+        optional, count = self.config.image == "any", len(touches.points)
+        if ((images is not None) != (self.encoder is not None) and not optional) or (touches.points.shape[1] and not self.config.touch):
             raise ValueError(f"a network with image {self.config.image!r} and touch {self.config.touch} is given something else")
-        maps, cameras, overall, touches = [], None, [self.last.weight.new_zeros(len(counts), 0)], None
-        with_image = torch.arange(0 if images is None else len(counts), device=self.last.weight.device)
+        maps, cameras, overall = [], None, [self.last.weight.new_zeros(count, 0)]
+        with_image = torch.arange(0 if images is None else count, device=self.last.weight.device)
         if self.encoder is not None:
-            image_code = self.last.weight.new_zeros(len(counts), self.seen.out_features)
+            image_code = self.last.weight.new_zeros(count, self.seen.out_features)
             if images is not None and camera is not None:
                 cameras = camera.to(images).expand(len(images), 3, 4)
                 if optional and not bool((has_image := cameras.any(dim=(1, 2))).all()):
@@ -196,11 +196,13 @@ class ImplicitNetwork(nn.Module):
                 image_code = image_code + 0 * sum(weights.sum() for layer in (self.encoder, self.seen) for weights in layer.parameters())
             overall.append(image_code)
         if self.config.touch:
-            if not bool(torch.isfinite(touch_vertices).all()):
-                raise InvalidInput("touch_vertices has values that are not finite: leave out the items they come from")
-            touches = touches_by_item(self._unit(touch_vertices), touched, counts)
+            if not bool(torch.isfinite(touches.points).all()):
+                raise InvalidInput("touched points have values that are not finite: leave out the items they come from")
+            is_of_gels = touches.widths is not None and self.config.touch_points == "gels"
+            widths = touches.widths / self.config.radius if is_of_gels and touches.widths is not None else None
+            touches = replace(touches, points=self._unit(touches.points), widths=widths)
             overall.append(self._touch_code(touches))
-        return Encoding(maps, cameras, with_image, torch.cat(overall, dim=1), touches)
+        return Encoding(maps, cameras, with_image, torch.cat(overall, dim=1), touches if self.config.touch else None)
 
     def _touch_code(self, touches: TouchPoints) -> Tensor:  # (B, G)
         """Compute the largest codes of each item's points, 0 at least; only the few points that have one are differentiated."""

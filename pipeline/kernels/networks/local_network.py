@@ -1,4 +1,4 @@
-"""A small network that reads a tactile image pixel by pixel: slopes from colours, depth from slopes, contact from depth; and its loss.
+"""A small network that reads a tactile image pixel by pixel: slopes from colours, depth from slopes; and its loss.
 
 It sees a neighbourhood of 0.8 mm, so that it learns the meaning of colours and not the shapes of the training set. Depth is integrated from
 slopes by Poisson's equation with sine transforms. Photographs' drift, a smooth difference of light, is subtracted beforehand.
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import binary_cross_entropy_with_logits, interpolate, smooth_l1_loss
+from torch.nn.functional import interpolate, smooth_l1_loss
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import check_shape
@@ -19,8 +19,7 @@ from pipeline.kernels.tensors import COLOURS
 from pipeline.kernels.touch.calibrated_shading import polynomial_terms
 
 CHANGE_SCALE = 50.0  # levels of 255 that are scaled to 1 for the network: the usual change of colours in a contact
-CONTACT_FEATURES = 8  # features of the layers that find the contact
-DEPTH, IN_CONTACT, SLOPES, CONTACT = 4.0, 4.0, 8.0, 0.3  # weights: depth, mm; more in the contact; slopes; contact
+DEPTH, IN_CONTACT, SLOPES = 4.0, 4.0, 8.0  # weights: depth, mm; more in the contact; slopes
 SMALL = 0.1  # slope error below which its square counts, or gentle slopes are read too steep, for what walls lose
 STEEPEST = 4.0  # slope to which true slopes are clamped: colours do not show how steep a wall is
 SIDE = 40  # pixels per side to which changes are averaged: drift is smooth
@@ -75,14 +74,12 @@ class LocalShape(NamedTuple):
 
     slopes: Tensor  # (B, 2, H, W)
     depth: Tensor  # (B, H, W) of the gel's surface below its rest, mm
-    contact: Tensor  # (B, H, W) logits
 
 
 class LocalNetwork(nn.Module):
     """Convolutions of 3 × 3, 3 × 3 dilated by 2, and 1 × 1 twice give slopes; their integral is the depth.
 
-    The gel around an object is drawn in too: separate convolutions find the contact in depth and slopes. `width` counts the features of
-    the hidden layers; 20 make 6,500 parameters, 26 kB. With `reads_motion` it has a `MotionNetwork` beside.
+    `width` counts the features of the hidden layers; 20 make 5,000 parameters, 20 kB. With `reads_motion` it has a `MotionNetwork` beside.
     """
 
     def __init__(self, width: int = 20, *, reads_motion: bool = False) -> None:
@@ -94,13 +91,6 @@ class LocalNetwork(nn.Module):
             *(nn.Conv2d(width, width, 1), nn.ReLU(inplace=True)),
             nn.Conv2d(width, 2, 1),
         )
-        hidden = CONTACT_FEATURES
-        self.shape = nn.Sequential(
-            *(nn.Conv2d(4, hidden, 3, padding=1), nn.ReLU(inplace=True)),
-            *(nn.Conv2d(hidden, hidden, 3, padding=2, dilation=2), nn.ReLU(inplace=True)),
-            *(nn.Conv2d(hidden, hidden, 3, padding=4, dilation=4), nn.ReLU(inplace=True)),
-            nn.Conv2d(hidden, 1, 1),
-        )
         self.motion = MotionNetwork() if reads_motion else None
         nn.Module.to(self, memory_format=torch.channels_last)  # type: ignore[call-overload]  # on a CPU three times as fast with so few features
 
@@ -111,7 +101,7 @@ class LocalNetwork(nn.Module):
         pitch: tuple[float, float],  # size of a pixel along y and x, mm
         true_depth: Tensor | None = None,  # (B, H, W) mm, in training on windows of images
     ) -> LocalShape:
-        """Read slopes, depth and contact; the gradient of the contact's loss does not reach depth and slopes.
+        """Read slopes and depth.
 
         The integration assumes a depth of 0 at the rim, which a window does not have: the error of slopes is integrated instead, with
         `true_depth`.
@@ -122,8 +112,7 @@ class LocalNetwork(nn.Module):
             depth = integrate_slopes(slopes, pitch)
         else:
             depth = true_depth + integrate_slopes(slopes - surface_slopes(true_depth, pitch), pitch)
-        shape = torch.cat([depth[:, None], slopes, slopes.square().sum(dim=1, keepdim=True)], dim=1).detach()
-        return LocalShape(slopes, depth, self.shape(shape.contiguous(memory_format=torch.channels_last))[:, 0])
+        return LocalShape(slopes, depth)
 
 
 def pixel_positions(rows: int, cols: int) -> Tensor:  # (1, 2, rows, cols) float32
@@ -143,8 +132,7 @@ def local_loss(
         raise InvalidInput("the network reads NaN or infinite slopes: it has diverged; lower the learning rate")
     depth = ((shape.depth - true_depth).abs() * (1 + IN_CONTACT * true_contact)).mean()
     slopes = smooth_l1_loss(shape.slopes, surface_slopes(true_depth, pitch).clamp(-STEEPEST, STEEPEST), beta=SMALL)
-    contact = binary_cross_entropy_with_logits(shape.contact, true_contact.to(shape.contact.dtype))
-    return DEPTH * depth + SLOPES * slopes + CONTACT * contact
+    return DEPTH * depth + SLOPES * slopes
 
 
 def without_drift(change: Tensor) -> Tensor:

@@ -1,7 +1,7 @@
 """The networks as data: the inputs and the size of each; the deformation networks are the supplement's (Tables 6-11)."""
 
 from collections.abc import Mapping
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 from pydantic import Field
 
@@ -32,6 +32,13 @@ class NetworkInputs(Entries):
     side: int = Field(default=SIDE, ge=3, le=MAX_SIDE)  # vertices along a side of a touch chart
     centre: tuple[float, float, float] = tuple(POSITION.tolist())  # of the ball that objects lie in, m, world
     radius: float = Field(default=RADIUS, gt=0)  # m; networks see positions in radii from the centre
+
+    of_points: ClassVar[bool] = False  # takes touches as points; else as charts of side² vertices
+
+    @property
+    def takes_charts(self) -> bool:
+        """Whether the touches that it learns from are touch charts."""
+        return self.touch
 
     def restricted_to(self, inputs: "NetworkInputs") -> Self:
         """Describe this network with no other inputs than these."""
@@ -85,6 +92,9 @@ SINGLE_IMAGE = NetworkConfig(
 class ImplicitConfig(NetworkInputs):
     """The inputs and sizes of an `ImplicitNetwork`."""
 
+    of_points = True
+    touch_points: Literal["charts", "gels"] = "charts"
+    """What the touched points are: vertices of touch charts, or points of the gels of any sensor, each with its gel's width."""
     encoder_layers: Literal[12, 15, 18, 25] = 12
     encoder_kernel: Literal[3, 5] = 5
     encoder_width: float = Field(default=0.25, gt=0, le=64)
@@ -95,6 +105,11 @@ class ImplicitConfig(NetworkInputs):
     touch_reach: float = Field(default=0.01, ge=0, le=1)
     """Largest distance, m, to which a reconstruction follows touches: the weight is 1/e there. 0: the network alone."""
 
+    @property
+    def takes_charts(self) -> bool:
+        """Whether the touches that it learns from are touch charts."""
+        return self.touch and self.touch_points == "charts"
+
 
 IMPLICIT_CONFIGURATIONS: Mapping[str, ImplicitConfig] = {
     "implicit-touch": ImplicitConfig(touch=True),
@@ -103,5 +118,7 @@ IMPLICIT_CONFIGURATIONS: Mapping[str, ImplicitConfig] = {
     "implicit-unoccluded": ImplicitConfig(image="unoccluded"),
     "implicit-unoccluded-touch": ImplicitConfig(image="unoccluded", touch=True),
     "implicit-any": ImplicitConfig(image="any", touch=True, encoder_norm="group"),  # batches of it have more or fewer images
+    "implicit-gels": ImplicitConfig(image="any", touch=True, encoder_norm="group", touch_points="gels"),
 }
-"""The implicit networks by name, with the inputs of the supplement's networks; `implicit-any` takes any of them."""
+"""The implicit networks by name, with the inputs of the supplement's networks; `implicit-any` takes any of them, and `implicit-gels`
+too, with touches of any sensor."""

@@ -1,5 +1,6 @@
 """`calibrate-sensor` on rendered photographs of a known model: it recovers the model, finds circles and names bad photographs."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,11 +8,13 @@ import pytest
 from PIL import Image
 
 import vt_pipeline
+from benchmarks.real_touch.hard_sets import HardSet, hard_press, hard_untouched
 from pipeline.contrib.calibration.ball_contact import Circle, ball_impression
 from pipeline.contrib.calibration.ball_photographs import read_photographs
 from pipeline.contrib.calibration.calibrate_sensor import check_name
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor, sensor_files
+from pipeline.kernels.touch.markers import MarkerGrid
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import background, tactile_image, untouched_image
 from pipeline.real_touch import TouchReader
@@ -19,6 +22,9 @@ from tests.command_line import vt
 
 BALL = 0.002
 TRUE = load_sensor("gelsight").model_copy(update={"rows": 160, "cols": 213, "noise": 1.0, "membrane": 0.0009, "gel": None})
+
+LARGEST = BALL / TRUE.pitch[1]
+"""Radius of the ball, pixels."""
 
 
 def photograph(contact: Circle, sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
@@ -44,7 +50,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_circles_are_found_within_a_pixel_and_bad_photographs_are_named(folder: Path) -> None:
-    photographs, untouched, unusable = read_photographs(folder, folder.parent / "untouched.png")
+    photographs, untouched, unusable = read_photographs(folder, folder.parent / "untouched.png", LARGEST)
     assert set(unusable) == {"nothing.png", "small.png", "torn.png"}
     assert "nothing touches" in unusable["nothing.png"]
     assert "it has 50 x 213 pixels, the untouched photograph 160 x 213" in unusable["small.png"]
@@ -98,7 +104,7 @@ def test_unusable_photographs_are_refused_with_the_reason(folder: Path, tmp_path
         if circles:
             (place / "circles.csv").write_text(circles)
         with pytest.raises(InvalidInput, match=message):
-            read_photographs(place, folder.parent / "untouched.png")
+            read_photographs(place, folder.parent / "untouched.png", LARGEST)
 
 
 @pytest.mark.parametrize("rows", [109, 120, 132])
@@ -117,10 +123,10 @@ def test_pixels_must_be_square_though_deep_contacts_look_wide(tmp_path: Path, ro
         image = vt_pipeline.press(ball - 0.004, sensor, depth=depth).image
         save(np.clip(image + rng.normal(0, 1, image.shape), 0, 255).round().astype(np.uint8), str(number))
     if rows == 120:
-        assert len(read_photographs(tmp_path, tmp_path / "untouched.png")[0]) == 8
+        assert len(read_photographs(tmp_path, tmp_path / "untouched.png", 0.004 / sensor.pitch[1])[0]) == 8
     else:
         with pytest.raises(InvalidInput, match="% higher than wide" if rows > 120 else "% wider than high"):
-            read_photographs(tmp_path, tmp_path / "untouched.png")
+            read_photographs(tmp_path, tmp_path / "untouched.png", 0.004 / sensor.pitch[1])
 
 
 @pytest.mark.parametrize(
@@ -148,13 +154,37 @@ def test_invalid_output_names_are_refused(tmp_path: Path, name: str, untouched: 
 def test_invalid_circles_are_refused(folder: Path, line: str, message: str) -> None:
     (folder / "circles.csv").write_text(f"name,x,y,radius\n{line}\n", encoding="utf-8-sig")
     with pytest.raises(InvalidInput, match=message):
-        read_photographs(folder, folder.parent / "untouched.png")
+        read_photographs(folder, folder.parent / "untouched.png", LARGEST)
     (folder / "circles.csv").unlink()
+
+
+def test_contact_wider_than_the_ball_is_its_equator_or_refused(folder: Path) -> None:
+    (folder / "circles.csv").write_text(f"name,x,y,radius\n0.png,90,80,{1.05 * LARGEST}\n1.png,90,80,{1.3 * LARGEST}\n")
+    photographs, _, unusable = read_photographs(folder, folder.parent / "untouched.png", LARGEST)
+    (folder / "circles.csv").unlink()
+    (equator,) = (one.contact for one in photographs if one.name == "0.png")
+    assert equator.radius == LARGEST
+    assert ball_impression(TRUE, equator, BALL).max() == pytest.approx(BALL, rel=0.02)
+    assert "is wider than the ball, 22.6: correct that line, --ball-radius or --mm-per-pixel" in unusable["1.png"]
+
+
+def test_printed_dots_are_filled_in(tmp_path: Path) -> None:
+    described = HardSet("dots", tail=0.3, shape=(120, 160), mm_per_pixel=0.12, markers=MarkerGrid(rows=6, cols=8, radius=4.5e-4))
+    plain, largest = replace(described, markers=None), 2.35 / 0.12
+    Image.fromarray(hard_untouched(described)).save(tmp_path / "untouched.png")
+    for number in range(4):
+        Image.fromarray(hard_press(described, number).image).save(tmp_path / f"{number}.png")
+    photographs, untouched, _ = read_photographs(tmp_path, tmp_path / "untouched.png", largest)
+    assert np.abs(untouched - hard_untouched(plain).astype(float)).mean() < 3
+    for number, one in enumerate(photographs):
+        press = hard_press(plain, number)
+        assert np.abs(one.image - press.image.astype(float)).mean() < 3
+        assert one.contact.radius == pytest.approx(press.circle.radius, rel=0.15)
 
 
 def test_contact_outside_its_photograph_is_unusable(folder: Path) -> None:
     (folder / "circles.csv").write_text("name,x,y,radius\n0.png,-30,80,16\n1.png,-10,80,16\n")
-    photographs, _, unusable = read_photographs(folder, folder.parent / "untouched.png")
+    photographs, _, unusable = read_photographs(folder, folder.parent / "untouched.png", LARGEST)
     (folder / "circles.csv").unlink()
     assert unusable["0.png"] == ("its contact in circles.csv, x -30, y 80, radius 16, lies outside its 213 x 160 pixels; correct that line")
     assert [photograph_read.contact for photograph_read in photographs if photograph_read.name == "1.png"] == [Circle(-10, 80, 16)]
@@ -163,7 +193,7 @@ def test_contact_outside_its_photograph_is_unusable(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"--mm-per-pixel": "1e6"}, "are lengths in mm?"),
+        ({"--mm-per-pixel": "1e6"}, "the ball's radius is 2e-06 pixels, 8 are needed: are --ball-radius and --mm-per-pixel in mm?"),
         ({"--thickness": "1e5"}, "are lengths in mm?"),
         ({"--mm-per-pixel": "0.08", "--thickness": "0.1"}, "mm deep, the gel is 0.1 mm thick; give its thickness with --thickness"),
     ],
@@ -181,7 +211,7 @@ def test_train_gives_a_network_that_reads_the_photographs(folder: Path, tmp_path
     size = ["--ball-radius", "2", "--mm-per-pixel", str(1e3 * TRUE.pitch[1]), "--untouched", str(untouched)]
     printed = vt("calibrate-sensor", folder, out, *size, "--position-degree", 2, "--train")
     assert "mine-touch: `vt-pipeline read-touch PHOTOGRAPHS" in printed
-    photographs, image, _ = read_photographs(folder, untouched)
+    photographs, image, _ = read_photographs(folder, untouched, LARGEST)
     reader = TouchReader(out, image)
     for contact_photograph in photographs[:3]:
         reading = reader.read(contact_photograph.image)

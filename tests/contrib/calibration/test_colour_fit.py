@@ -9,10 +9,10 @@ from pipeline.contrib.calibration.ball_contact import (
     Photograph,
     ball_impression,
     contact_box,
-    left_out_error,
+    left_out_errors,
     sample_photographs,
 )
-from pipeline.contrib.calibration.colour_fit import MODULUS, ColourFitOptions, fit_colours, missing_photographs
+from pipeline.contrib.calibration.colour_fit import MODULUS, ColourFitOptions, _choose_gel, _GelShape, fit_colours, missing_photographs
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.calibrated_shading import fitted_range
 from pipeline.kernels.touch.sensor import Gel, Sensor
@@ -47,7 +47,7 @@ def test_fit_chooses_the_degree_in_position_that_predicts_best(degree: int) -> N
     sensor = of_degree(degree).model_copy(update={"noise": 1.0})
     fit = fit_colours(sensor, photographs(sensor), untouched_image(sensor), BALL, ColourFitOptions(shadows=0, elastic=False))
     assert fit.position_degree == degree
-    assert fit.at_end == ()
+    assert fit.doubts == ()
 
 
 @pytest.mark.parametrize("elastic", [True, False])
@@ -60,7 +60,7 @@ def test_fit_recovers_the_membrane_or_elastic_layer_of_the_photographs(elastic: 
     assert (fit.sensor.gel is not None) == elastic
     if fit.sensor.gel is not None:
         assert fit.sensor.gel.thickness == pytest.approx(2 * RADIUS, abs=1e-6)
-    assert fit.at_end == ()
+    assert fit.doubts == ()
 
 
 def test_cross_validation_error_equals_that_of_a_fit_to_the_other_photographs() -> None:
@@ -79,7 +79,7 @@ def test_cross_validation_error_equals_that_of_a_fit_to_the_other_photographs() 
         contact, ring = left_out.distance < 1, left_out.distance >= 1
         per_radius = 1 / left_out.distance[ring]
         errors.append(size[contact].mean() + (size[ring] * per_radius).sum() / per_radius.sum())
-    assert left_out_error(samples) == pytest.approx(np.mean(errors), rel=1e-2)
+    assert left_out_errors(samples) == pytest.approx(errors, rel=2e-2)
     assert np.mean(errors) > 0.1
 
 
@@ -116,3 +116,19 @@ def test_thirds_without_a_contact_and_missing_slopes_are_named() -> None:
     assert missing_photographs(SENSOR, everywhere_alike, EVERYWHERE[:1]) == [
         "no slope steeper than 26 degrees: press deeper, or use a smaller ball"
     ]
+
+
+def test_layer_on_which_contacts_disagree_is_held_at_the_assumed_thickness() -> None:
+    """Errors of two small and two large contacts by gel; the last is the assumed one."""
+    gels = [_GelShape(True, size) for size in (0.7, 1.4, 2.8, 4.0)]
+    sizes = np.array([20.0, 8.0, 9.0, 21.0])
+    agree = np.array([[9, 9, 9, 9], [5, 5, 5, 5], [7, 7, 7, 7], [8, 8, 8, 8]], float)
+    assert _choose_gel(gels, agree, sizes, 1e-3) == (gels[1], [])
+    disagree = np.array([[9, 3, 3, 9], [5, 5, 5, 5], [4, 9, 9, 4], [8, 8, 8, 8]], float)
+    chosen, doubts = _choose_gel(gels, disagree, sizes, 1e-3)
+    assert chosen == gels[3]
+    assert "smaller and larger contacts ask for 0.7 mm and 2.8 mm" in doubts[0]
+    assert "the thickness of the gel, 4 mm, is taken, which --thickness states" in doubts[0]
+    chosen, doubts = _choose_gel(gels, agree[[0, 2, 3, 1]], sizes, 1e-3)
+    assert chosen == gels[3]
+    assert "no elastic layer that is thinner than the gel" in doubts[0]

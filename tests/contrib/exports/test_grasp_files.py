@@ -80,6 +80,7 @@ def test_arrays_have_forces_pressures_and_what_held_with_their_units(elastic: Pa
         with np.load(out / f"{name}.npz") as stored:
             for array in ("force", "pressure", "held"):
                 np.testing.assert_array_equal(stored[array], rows.read(array, name))
+            np.testing.assert_allclose(TURN @ stored["up"], [0, 0, 1], atol=1e-12)
             assert {"force: N", "pressure: Pa"} <= set(stored["units"].tolist())
             moved = SCALE * stored["sensor_pose"][..., :3, 3] @ TURN.T + CENTRE
             np.testing.assert_allclose(moved, rows.read("sensor_pose", name)[..., :3, 3], atol=1e-9)

@@ -20,8 +20,8 @@ from tests.command_line import vt
 from tests.stages import ball_dataset
 
 
-def record_of(stage: str, settings: dict[str, Any]) -> ShardRecord:
-    said = {"location": "g", "stage": stage, "key": "0" * 64, "settings": settings, "speed_settings": {}, "preset": "draft"}
+def record_of(stage: str, settings: dict[str, Any], **speed: Any) -> ShardRecord:
+    said = {"location": "g", "stage": stage, "key": "0" * 64, "settings": settings, "speed_settings": speed, "preset": "draft"}
     said |= {"seed": 3, "manifest": "toy", "models": {}, "versions": {}, "processor": {}, "schema_version": 1, "rows": ()}
     return ShardRecord.model_validate({**said, "constants_digest": "0" * 64, "metadata": {}})
 
@@ -31,6 +31,13 @@ def test_command_names_only_settings_that_differ_from_the_preset(tmp_path):
     (line,) = commands(DataDirectory(tmp_path), {"grasps": record})
     told = f"--manifest toy --preset draft --seed 3 --data {tmp_path} --set simulate-grasps.grasps=2"
     assert line == f"vt-pipeline run simulate-grasps {told}"
+
+
+def test_command_names_the_folder_that_a_stage_cannot_do_without(tmp_path):
+    record = record_of("read-grasps", resolve("read-grasps", "draft", ()).results(), folder="/my grasps", object_seconds=60)
+    (line,) = commands(DataDirectory(tmp_path), {"grasps": record})
+    assert line.endswith("--set 'read-grasps.folder=/my grasps'")
+    assert "object_seconds" not in line
 
 
 def test_points_of_sweeps_have_no_command(tmp_path):

@@ -18,6 +18,7 @@ from pipeline.contrib.report.figures import nearest_middle_farthest
 from pipeline.contrib.report.report_source import ReportSource, errors_table
 from pipeline.contrib.report.results import DEFAULT_SERIES, _ways, summarise
 from pipeline.engine.plan import Request
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.models.shipped_weights import DEFAULT
 from pipeline.store.directory import DataDirectory
 from pipeline.tables.comparison import scores
@@ -106,17 +107,26 @@ def test_rows_without_their_inputs_are_left_out_with_the_reason(data, tmp_path, 
     assert not (copy / "scores" / "shipped.json").exists(), "it was of images and charts that are gone"
 
 
-def test_images_are_left_out_if_one_object_was_seen_by_another_camera(data, tmp_path, monkeypatch):
+def test_images_of_another_camera_are_turned_to_the_training_camera_as_those_of_a_robot_are(data, tmp_path, monkeypatch):
     ship(monkeypatch, data)
-    copy = Path(shutil.copytree(data, tmp_path / "data"))
+    copy = Path(shutil.copytree(data, tmp_path / "data", ignore=shutil.ignore_patterns("evaluation*")))
     (given,) = (stage for stage in spheres.stages() if stage.output is VISION)
     asked: Any = Request(given, Settings(), "balls", OBJECTS, "draft", 1, copy)
     zoomed_in = {"d": np.diag([2.0, 2, 1])}
     pack(asked, lambda unit: (row := given.row(unit)) | {"projection": zoomed_in.get(unit.name, np.eye(3)) @ row["projection"]})
-    assert fitting_rows(DataDirectory(data)) == ([f"{DEFAULT}-{way}" for way in WAYS], [])
-    rows, reasons = fitting_rows(DataDirectory(copy))
-    assert rows == [f"{DEFAULT}-touch"]
-    assert any(reason.startswith("unoccluded: not all images are from the camera") for reason in reasons)
+    assert fitting_rows(DataDirectory(copy)) == ([f"{DEFAULT}-{way}" for way in WAYS], [])
+    printed = " ".join(vt("report", copy, "--shipped", "--no-pages").split())
+    assert "images are turned and zoomed to the camera that it was trained with" in printed
+    assert "shipped-unoccluded" in printed
+
+
+def test_touches_of_another_gel_are_given_as_points_and_the_table_says_so(data, tmp_path, monkeypatch):
+    ship(monkeypatch, data)
+    monkeypatch.setattr("stages.evaluate.scores.shipped_chart_sensor", lambda: load_sensor("gelsight_mini"))
+    copy = Path(shutil.copytree(data, tmp_path / "data", ignore=shutil.ignore_patterns("charts", "evaluation*")))
+    printed = " ".join(vt("report", copy, "--shipped", "--no-pages").split())
+    assert "touches are points of the exact depth maps" in printed
+    assert "shipped-touch" in printed
 
 
 def test_rows_name_the_test_objects_that_the_network_haslearned_objects(data, tmp_path, monkeypatch):

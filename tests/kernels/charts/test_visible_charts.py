@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-import torch
 
 from pipeline.kernels.charts.visible_charts import WIDTH, visible_charts
-from pipeline.kernels.networks.implicit_network import chart_normals
+from pipeline.kernels.touch.touched_points import chart_normals
 
 ROWS, COLS, FOCAL, SIDE = 90, 120, 300.0, 5
 INTRINSIC = np.array([[FOCAL, 0, COLS / 2], [0, FOCAL, ROWS / 2], [0, 0, 1]])
@@ -34,9 +33,15 @@ def test_charts_lie_on_a_tilted_plane_and_face_the_camera():
     assert charts.shape[1:] == (SIDE**2, 3)
     assert len(charts) > 20
     np.testing.assert_allclose(charts @ normal, 0.5, atol=1e-4)  # its depth is no quadric of the pixel, but almost
-    np.testing.assert_allclose(chart_normals(torch.tensor(charts)).numpy(), np.broadcast_to(-normal, charts.shape), atol=0.02)
+    np.testing.assert_allclose(chart_normals(charts), np.broadcast_to(-normal, charts.shape), atol=0.02)
     sides = np.ptp(charts[:, :, 0], axis=1)
     assert (np.abs(sides - WIDTH) < 0.3 * WIDTH).all()
+
+
+@pytest.mark.parametrize("scale", [0.5, 2.0])
+def test_charts_are_as_large_in_proportion_to_any_object(scale):
+    charts = visible_charts(plane((0, 0, 1), 0.5), EVERYWHERE, INTRINSIC, SIDE, scale)
+    np.testing.assert_allclose(np.ptp(charts[:, :, 0], axis=1), WIDTH / scale, rtol=0.15)
 
 
 def test_charts_lie_on_the_visible_part_of_a_ball():
@@ -44,7 +49,7 @@ def test_charts_lie_on_the_visible_part_of_a_ball():
     charts = visible_charts(depth, np.isfinite(depth), INTRINSIC, SIDE)
     offset = charts - CENTRE
     np.testing.assert_allclose(np.linalg.norm(offset, axis=-1), RADIUS, atol=1e-3)
-    normals = chart_normals(torch.tensor(charts)).numpy()
+    normals = chart_normals(charts)
     assert ((normals * offset).sum(axis=-1) > 0.9 * RADIUS).all()
     assert len(charts) > 12
 

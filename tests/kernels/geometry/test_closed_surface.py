@@ -8,7 +8,7 @@ import trimesh
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES, vision_charts
-from pipeline.kernels.geometry.closed_surface import closed_surface, split_edges
+from pipeline.kernels.geometry.closed_surface import closed_surface, split_edges, vertex_normals
 from pipeline.kernels.geometry.mesh import mesh_edges
 from pipeline.kernels.metrics.surface_quality import dihedral_angles
 
@@ -32,8 +32,14 @@ def chart(direction, outward: float = 0.0) -> np.ndarray:
     return start * RADII + ((np.sqrt(b**2 - a * c) - b) / a + outward)[:, None] * away
 
 
+def touched(charts) -> tuple[np.ndarray, np.ndarray]:
+    """Take the vertices (N, 3) of charts and their outward normals."""
+    normals = [-vertex_normals(chart, CHART_FACES) for chart in charts]
+    return np.reshape(charts, (-1, 3)), np.reshape(normals, (-1, 3))
+
+
 def closed(vertices, faces=FACES, charts=NO_CHARTS, resolution=64) -> trimesh.Trimesh:
-    mesh = trimesh.Trimesh(*closed_surface(vertices, faces, charts, CHART_FACES, resolution=resolution), process=False)
+    mesh = trimesh.Trimesh(*closed_surface(vertices, faces, *touched(charts), resolution=resolution), process=False)
     assert np.isfinite(mesh.vertices).all()
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
@@ -148,4 +154,4 @@ HOLED = np.where(np.arange(len(JOINED))[:, None] == 7, np.nan, JOINED)
 )
 def test_closed_surface_rejects_invalid_surfaces_charts_and_resolutions(vertices, faces, charts, resolution, named):
     with pytest.raises(InvalidInput, match=named):
-        closed_surface(vertices, faces, charts, CHART_FACES, resolution=resolution)
+        closed_surface(vertices, faces, *touched(charts), resolution=resolution)

@@ -1,20 +1,16 @@
-"""Convex shapes of large meshes: face budget, error bound measured independently; and gels inside their links."""
+"""Convex shapes of large meshes: face budget, error bound measured independently."""
 
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from pipeline.formats.hand_file import load_hand
-from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.hand.convex_shapes import MAX_FACES, TOLERANCE, buried_gels, convex_error, depth_in_link, with_convex_shapes
-from pipeline.kernels.hand.model import Hand, Link, Shape
+from pipeline.kernels.hand.convex_shapes import MAX_FACES, SHRUNKEN_TOLERANCE, TOLERANCE, convex_error, shrunken_hull, with_convex_shapes
+from pipeline.kernels.hand.model import Link, Shape
 
 
 def link(*meshes: Any) -> Link:
@@ -77,67 +73,19 @@ def test_depth_of_filled_hollows_is_measured() -> None:
     assert convex_error(bar, with_convex_shapes(bar, 5)).filled == pytest.approx(0, abs=1e-9)  # where slabs meet, nothing is filled
 
 
-GRIPPER, SENSOR = load_hand("two_finger_gripper"), load_sensor("gel_16mm")
-UP = np.array([0.0, 0.0, 1.0])
+def test_shrunken_hull_of_a_cube_is_a_smaller_cube_and_of_a_plate_a_thinner_one() -> None:
+    for sides, left in (((0.02, 0.03, 0.04), (0.018, 0.028, 0.038)), ((0.05, 0.05, 0.001), (0.0491, 0.0491, 0.0001))):
+        box = trimesh.creation.box(sides, trimesh.transformations.translation_matrix((0.1, 0, 0)))
+        shrunken = shrunken_hull(Mesh.bare(box.vertices, box.faces), 0.001)
+        assert np.ptp(shrunken.vertices, axis=0) == pytest.approx(left, abs=1e-9)
+        assert len(shrunken.vertices) == 8
 
 
-def link_of(*spans: tuple[float, float]) -> Link:
-    """Make a link of boxes, 0.2 m wide, that reach from one height to another, m."""
-    shapes = []
-    for low, high in spans:
-        box = trimesh.creation.box((0.2, 0.2, high - low), trimesh.transformations.translation_matrix((0, 0, (low + high) / 2)))
-        shapes.append(Shape("box", (0.2, 0.2, high - low), np.eye(4), Mesh.bare(box.vertices, box.faces)))
-    return Link("pad", (), tuple(shapes))
-
-
-def wearing(link: Link, height: float, normal: NDArray[np.float64] = UP) -> Hand:
-    """Make a hand whose only sensor is on a link, at a height, m."""
-    x = np.cross([0.0, 1.0, 0.0], normal)
-    pose = np.eye(4)
-    pose[:3, :3], pose[2, 3] = np.column_stack([x, np.cross(normal, x), normal]), height
-    return replace(GRIPPER, links=(link,), sensors=(replace(GRIPPER.sensors[0], link=0, pose=pose),))
-
-
-@pytest.mark.parametrize(
-    ("spans", "ahead", "depth"),
-    [
-        ([(-0.02, -0.01)], 0.0, 0.0),  # behind the point
-        ([(-0.02, 0.0)], 0.0, 0.0),  # the point is on its surface
-        ([(-0.02, 0.004), (0.004, 0.01), (0.002, 0.006)], 0.0, 0.01),  # one box on the other
-        ([(-0.02, 0.004), (0.02, 0.03)], 0.0, 0.004),  # with a gap
-        ([(-0.02, 0.0), (0.003, 0.005)], 0.0, 0.0),
-        ([(-0.02, 0.0), (0.003, 0.005)], 0.007, 0.005),  # a plate in the gel
-        ([], 0.007, 0.0),
-    ],
-)
-def test_depth_in_a_link_of_several_shapes(spans: list[tuple[float, float]], ahead: float, depth: float) -> None:
-    assert depth_in_link(link_of(*spans), np.zeros(3), UP, ahead=ahead) == pytest.approx(depth)
-
-
-def test_gel_wholly_inside_its_link_is_moved_to_the_surface() -> None:
-    link = link_of((-0.02, 0.02))
-    assert list(buried_gels(wearing(link, 0.005), [SENSOR])) == [
-        (True, "the gel of left lies inside its link pad, which objects meet first; move its `origin` by 15 mm, to [0, 0, 0.02]")
-    ]
-    assert list(buried_gels(wearing(link, 0.02), [SENSOR])) == []
-
-
-def test_gel_partly_inside_its_link_loses_what_lies_inside() -> None:
-    ((wholly, sentence),) = buried_gels(wearing(link_of((-0.02, 0.02)), 0.018), [SENSOR])
-    assert not wholly
-    assert sentence == (
-        f"the sensor plane of left lies inside its link pad, so that objects meet only the outer {1e3 * SENSOR.w - 2:.2g} mm of its gel; "
-        "move its `origin` by 2 mm, to [0, 0, 0.02]"
-    )
-
-
-def test_normal_that_points_into_the_link_is_turned() -> None:
-    ((wholly, sentence),) = buried_gels(wearing(link_of((-0.02, 0.02)), 0.02, -UP), [SENSOR])
-    assert wholly
-    assert sentence.endswith("its normal points into the link: write `normal: [0, 0, 1]`")
-
-
-@pytest.mark.parametrize("name", ["allegro_left", "allegro_right", "two_finger_gripper"])
-def test_gels_of_shipped_hands_lie_on_their_links(name: str) -> None:
-    hand = load_hand(name)
-    assert list(buried_gels(hand, [SENSOR] * len(hand.sensors))) == []
+def test_shrunken_hull_of_a_bumpy_link_has_few_corners_and_keeps_its_distance() -> None:
+    """A ball of the margin's radius about each of its points stays within the link, and reaches its surface but for the tolerance."""
+    body = bumpy_link(np.random.default_rng(0))
+    shrunken = shrunken_hull(Mesh.bare(body.vertices, body.faces), 0.001)
+    planes = ConvexHull(body.vertices).equations
+    assert (shrunken.vertices @ planes[:, :3].T + planes[:, 3]).max() <= -0.001 + 1e-9
+    assert distance_outside(body.vertices, shrunken) < 0.001 + SHRUNKEN_TOLERANCE + 2e-4
+    assert len(shrunken.vertices) < 400 < len(body.vertices) / 20

@@ -1,6 +1,7 @@
 """Implicit networks, and the features of touches at queries."""
 
 import functools
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,14 +19,16 @@ from pipeline.kernels.networks.implicit_network import (
     TOUCH_FEATURES,
     ImplicitConfig,
     ImplicitNetwork,
-    chart_normals,
-    touches_by_item,
+    TouchPoints,
+    pad_touches,
 )
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.kernels.touch.touched_points import chart_touches
 from tests.kernels.networks.test_deformation_network import inputs
 
 SMALL = ImplicitConfig(image="occluded", touch=True, encoder_width=0.1, features=16, blocks=2, side=3)
 COUNTS = [2, 0, 1]
+WEIGHTS = torch.zeros(1, dtype=torch.float64)
 
 
 def small(**changes: Any) -> ImplicitNetwork:
@@ -34,7 +37,15 @@ def small(**changes: Any) -> ImplicitNetwork:
 
 def inputs_of(counts: list[int] = COUNTS, **changes: Any) -> dict[str, Any]:
     like = CONFIGURATIONS["occluded-touch"].model_copy(update={"side": 3, "encoder_layers": 12} | changes)
-    return inputs(counts, like)
+    given = inputs(counts, like)
+    charts, touched = (given.pop(name) for name in ("touch_vertices", "touched"))
+    return given | {"touches": felt(charts, touched, given.pop("counts"))}
+
+
+def felt(charts: torch.Tensor, touched: torch.Tensor, counts: list[int], like: torch.Tensor = WEIGHTS) -> TouchPoints:
+    """Group the vertices of charts (T, S, 3) by item."""
+    touches, ends = chart_touches(charts.numpy(), touched.numpy()), np.cumsum(counts)
+    return pad_touches([touches[end - count : end] for end, count in zip(ends, counts, strict=True)], like)
 
 
 def queries(items: int, count: int = 20) -> torch.Tensor:
@@ -47,11 +58,9 @@ def test_items_and_queries_are_independent():
     together = network(asked, **seen)
     assert together.shape == (3, 20)
     assert together.abs().max() < SMALL.band
-    firsts = [0, 2, 2, 3]
-    for item, count in enumerate(COUNTS):
-        charts = slice(firsts[item], firsts[item + 1])
-        alone = seen | {name: seen[name][charts] for name in ("touch_vertices", "touched")}
-        alone |= {"images": seen["images"][item, None], "counts": [count]}
+    for item in range(3):
+        touches = TouchPoints(*(values[item, None] for values in vars(seen["touches"]).values()))
+        alone = seen | {"images": seen["images"][item, None], "touches": touches}
         torch.testing.assert_close(network(asked[item, None, 7:], **alone)[0], together[item, 7:])
 
 
@@ -98,14 +107,15 @@ def test_a_batch_without_image_and_touch_has_gradients_of_zero_that_processes_wa
 
 def test_predictions_do_not_depend_on_the_order_of_grasps():
     network, seen, asked = small(), inputs_of([3]), queries(1)
-    turned = seen | {name: seen[name].flip(0) for name in ("touch_vertices", "touched")}
+    turned = seen | {"touches": TouchPoints(*(values.flip(1) for values in vars(seen["touches"]).values()))}
     torch.testing.assert_close(network(asked, **turned), network(asked, **seen))
 
 
 def test_decode_with_touches_uses_touches_nearby_and_the_network_far_away():
     network, seen = small(), inputs_of([1])
-    flat = torch.tensor([[x, y, 0.6] for y in (0.02, 0.0, -0.02) for x in (-0.02, 0.0, 0.02)], dtype=torch.float64)  # faces +z
-    seen |= {"touch_vertices": flat[None], "touched": torch.tensor([True])}
+    along = 2.0**-6  # float32 holds it
+    flat = torch.tensor([[x, y, 0.625] for y in (along, 0.0, -along) for x in (-along, 0.0, along)], dtype=torch.float64)  # faces +z
+    seen |= {"touches": felt(flat[None], torch.tensor([True]), [1])}
     code = network.encode(**seen)
     errors = network.errors_at_touches(code)
     assert errors is not None
@@ -119,15 +129,16 @@ def test_decode_with_touches_uses_touches_nearby_and_the_network_far_away():
     above, below = (both(flat + torch.tensor([0, 0, height], dtype=torch.float64))[0] for height in (1e-3, -1e-3))
     torch.testing.assert_close(above, torch.full_like(above, 1e-3))  # in the finger there is nothing
     torch.testing.assert_close(below, torch.full_like(below, -1e-3), atol=1e-5, rtol=0)
-    torch.testing.assert_close(*both(torch.tensor([[0.0, 0.0, 0.75]], dtype=torch.float64)))
+    torch.testing.assert_close(*both(torch.tensor([[0.0, 0.0, 0.775]], dtype=torch.float64)))
 
 
 @pytest.mark.parametrize("changes", [{"touch": False}, {"touch_reach": 0.0}, {"touch_reach": 1e-30}, {}])
 def test_decode_with_touches_equals_decode_without_touch_or_reach(changes: dict[str, Any]):
     network, seen, asked = small(**changes), inputs_of([2 if changes.get("touch", True) else 0]), queries(1)
+    points = seen["touches"].points
     if not changes:
-        seen |= {"touched": torch.tensor([False, False])}
-    code, asked = network.encode(**seen), torch.cat([asked, seen["touch_vertices"].reshape(1, -1, 3)], dim=1)
+        seen |= {"touches": replace(seen["touches"], touched=torch.zeros(points.shape[:2], dtype=torch.bool))}
+    code, asked = network.encode(**seen), torch.cat([asked, points], dim=1)
     assert torch.equal(network.decode_with_touches(code, asked, network.errors_at_touches(code)), network.decode(code, asked))
 
 
@@ -137,10 +148,9 @@ def test_encode_rejects_superfluous_missing_or_infinite_input():
         small()(asked, **(seen | {"images": None, "camera": None}))
     with pytest.raises(ValueError, match="touch False is given something else"):
         small(touch=False)(asked, **seen)
-    broken = seen["touch_vertices"].clone()
-    broken[0, 0, 0] = torch.nan
+    seen["touches"].points[0, 0, 0] = torch.nan
     with pytest.raises(InvalidInput, match="not finite"):
-        small()(asked, **(seen | {"touch_vertices": broken}))
+        small()(asked, **seen)
 
 
 RADIUS = 0.5
@@ -153,17 +163,9 @@ def chart_on_ball(side: int = 5, size: float = 0.02) -> torch.Tensor:
     return RADIUS * torch.nn.functional.normalize(above, dim=1)
 
 
-def test_normals_point_away_from_the_object():
-    chart = chart_on_ball()
-    normals = chart_normals(chart[None])[0]
-    torch.testing.assert_close(normals, chart / RADIUS, atol=0.02, rtol=0)
-    torch.testing.assert_close(normals.norm(dim=1), torch.ones(25, dtype=torch.float64))
-    assert not chart_normals(torch.zeros(1, 9, 3)).any()
-
-
 def test_query_features_hold_the_height_above_the_nearest_touch():
     charts = torch.stack([chart_on_ball(), chart_on_ball() + torch.tensor([0.3, 0, 0])])
-    item = touches_by_item(charts, torch.tensor([True, False]), [2])
+    item = replace(felt(charts, torch.tensor([True, False]), [2]), widths=None)
     heights = torch.tensor([-0.1, 0.0, 0.05, 0.2], dtype=torch.float64)
     queries = torch.stack([torch.zeros(4), torch.zeros(4), RADIUS + heights], dim=1)
     found = item.features_at(queries[None])[0][0]
@@ -177,10 +179,22 @@ def test_query_features_hold_the_height_above_the_nearest_touch():
 
 def test_query_features_depend_on_touches_of_the_same_item_and_are_zero_without_touch():
     charts = torch.stack([chart_on_ball(), 2 * chart_on_ball()])
-    items = touches_by_item(charts, torch.tensor([True, True]), [1, 0, 1])
+    items = replace(felt(charts, torch.tensor([True, True]), [1, 0, 1]), widths=None)
     queries = torch.from_numpy(np.random.default_rng(0).normal(size=(6, 3)))
     (first, none, second), _ = items.features_at(torch.stack([queries, queries, 2 * queries]))
     assert items.present.tolist() == [[True] * 25, [False] * 25, [True] * 25]
     assert not none.any()
     assert not first[:, NEAREST_POINT_FEATURES:].any()
     torch.testing.assert_close(2 * first[:, :3], second[:, :3])
+
+
+def test_network_of_gels_is_given_the_width_of_each_gel_in_radii_and_one_of_charts_is_not():
+    asked = queries(3)
+    for points, differs in (("gels", True), ("charts", False)):
+        network, seen = small(touch_points=points), inputs_of()
+        wider = seen | {"touches": replace(seen["touches"], widths=2 * seen["touches"].widths)}
+        assert torch.equal(network(asked, **seen), network(asked, **wider)) != differs
+    encoded = small(touch_points="gels").encode(**inputs_of())
+    torch.testing.assert_close(encoded.touches.widths, inputs_of()["touches"].widths / SMALL.radius)
+    touched, outside = encoded.touches.features_at(asked)[0].chunk(2, dim=2)
+    assert {*touched[0, :, -1].tolist(), *outside[0, :, -1].tolist()} <= {0.0, *encoded.touches.widths[0].tolist()}

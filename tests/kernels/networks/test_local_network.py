@@ -1,4 +1,4 @@
-"""The network that reads photographs: slopes, their integral, contact, and the drift of light that is subtracted."""
+"""The network that reads photographs: slopes, their integral, and the drift of light that is subtracted."""
 
 import numpy as np
 import pytest
@@ -41,32 +41,28 @@ def test_slopes_depend_on_three_pixels_around_only(network: LocalNetwork, change
     assert (row.min(), row.max(), col.min(), col.max()) == (9, 15, 12, 18)
 
 
-def test_depth_is_the_integral_of_slopes_and_contact_gives_them_no_gradient(network: LocalNetwork, change: torch.Tensor) -> None:
+def test_depth_is_the_integral_of_slopes(network: LocalNetwork, change: torch.Tensor) -> None:
     shape = network(change, pixel_positions(24, 30), PITCH)
-    assert shape.depth.shape == shape.contact.shape == (1, 24, 30)
-    shape.contact.sum().backward()
-    assert all(parameter.grad is None for parameter in network.colours.parameters())
-    network.zero_grad(set_to_none=True)
+    torch.testing.assert_close(shape.depth, integrate_slopes(shape.slopes, PITCH))
 
 
 def test_loss_is_minimal_at_the_truth_and_grows_with_each_error() -> None:
     depth = torch.zeros(1, 12, 12)
     depth[:, 4:8, 4:8] = 0.1
     truth = depth, depth > 0
-    right = LocalShape(surface_slopes(depth, PITCH), depth, torch.where(depth > 0, 20.0, -20.0))
+    right = LocalShape(surface_slopes(depth, PITCH), depth)
     least = float(local_loss(right, *truth, PITCH))
     assert least < 1e-6
     for wrong in (
         right._replace(slopes=right.slopes + 0.1),
         right._replace(depth=right.depth + 0.05),
-        right._replace(contact=-right.contact),
     ):
         assert float(local_loss(wrong, *truth, PITCH)) > least + 1e-3
 
 
 def test_diverged_network_is_refused() -> None:
     nothing = torch.zeros(1, 8, 8)
-    shape = LocalShape(torch.full((1, 2, 8, 8), torch.nan), nothing, nothing)
+    shape = LocalShape(torch.full((1, 2, 8, 8), torch.nan), nothing)
     with pytest.raises(InvalidInput, match="it has diverged"):
         local_loss(shape, nothing, nothing > 0, PITCH)
 

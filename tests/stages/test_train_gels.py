@@ -1,0 +1,67 @@
+"""`implicit-gels`: trained and evaluated on depth maps of any sensor, without touch charts."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.errors import StoreError
+from pipeline.kernels.geometry.mesh_cleaning import bounding_diagonal
+from pipeline.models.families import load_reconstructor
+from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
+from pipeline.store.directory import DataDirectory
+from pipeline.training.items import Items
+from stages.evaluate.evaluation_files import read_figures
+from stages.registry import resolve
+from stages.train_implicit import TrainImplicit
+from tests.stages import ball_dataset as spheres
+
+NAME = "implicit-gels"
+SPLITS = ("train", "valid", "test")
+SETTINGS = (
+    *(f"train-implicit.configuration={NAME}", "train-implicit.features=16", "train-implicit.blocks=1", "train-implicit.epochs=1"),
+    *("train-implicit.queries=50", "train-implicit.validation_queries=50", "train-implicit.encoder_width=0.125"),
+    *("train-implicit.spacing=0.04", f"evaluate.configurations=[{NAME}-touch]", "evaluate.points=200", "evaluate.grasps=[1]"),
+)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    made = tmp_path_factory.mktemp("balls")
+    spheres.make_data(made, 3, SPLITS)
+    folder = Path(shutil.copytree(made, tmp_path_factory.mktemp("bare") / "data", ignore=shutil.ignore_patterns("charts")))
+    for stage in ("train-implicit", "evaluate"):
+        spheres.run_stage(folder, stage, spheres.objects(3, SPLITS), *SETTINGS)
+    return folder
+
+
+def test_items_hold_points_of_gels_with_their_width_beside_the_object(data):
+    items = Items(data, "train", resolve("train-implicit", "draft", SETTINGS).inputs, 2, learned=TrainImplicit.arrays)
+    seen = items.fixed_view(1, 2, 2).scaled(spheres.CENTRE)  # of touches alone
+    assert len(seen.touches) == 2 * spheres.SENSORS
+    assert [touch.touched for touch in seen.touches] == [sensor != grasp for grasp in (1, 0) for sensor in range(4)]
+    scale = 0.5 / items.rows.diagonal("a")
+    assert {round(touch.width, 6) for touch in seen.touches} == {round(scale * spheres.SENSOR.width, 6)}
+    points = np.concatenate([touch.points for touch in seen.touches])
+    np.testing.assert_allclose(np.linalg.norm(points - spheres.CENTRE, axis=1), 0.1 * scale, atol=2e-4)
+
+
+def test_model_states_the_gels_that_it_learned_from_and_no_charts(data):
+    trained = load_reconstructor(NAME, DataDirectory(data).verified_folder(f"models/implicit/{NAME}")).trained
+    assert trained.charts is None
+    sphere = spheres.surfaces(spheres.Unit(name="a"))["meshes/vertices"]
+    assert trained.gels == pytest.approx([spheres.SENSOR.width / bounding_diagonal(sphere)] * 2)
+
+
+def test_it_is_evaluated_and_predicts_without_charts(data, tmp_path):
+    figures = read_figures(DataDirectory(data).verified_folder("evaluation"))
+    assert np.isfinite(figures[f"{NAME}-touch"].per_object("chamfer")).all()
+    prediction = predict(tmp_path / "a.ply", StoredGrasps(data, "c", [0]), PredictOptions(data / "models", f"{NAME}-touch"), "closed")
+    assert prediction.touched.tolist() == [False, True, True, True]
+    assert not any(line.startswith("warning: gels") for line in prediction.remarks)
+
+
+def test_network_of_charts_still_needs_them(data):
+    with pytest.raises(StoreError, match="charts"):
+        spheres.run_stage(data, "train-implicit", spheres.objects(3, SPLITS), *SETTINGS, "train-implicit.configuration=implicit-touch")
