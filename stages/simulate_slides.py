@@ -33,13 +33,17 @@ class SlideSettings(GelSettings):
     )
     slides: int = setting(4, "sequences per object: press, slide, twist, lift off", ge=1, le=10_000, changes="definition")
     steps: int = setting(32, "per sequence: 2 s at the default rate", ge=4, le=1000, changes="definition")
-    rate: float = setting(16.0, "steps per second: a step moves by less than a contact's radius", gt=0, le=1e4)
+    rate: float = setting(16.0, "steps per second: a step moves by less than a contact's radius", gt=0, le=1e4, changes="definition")
     friction: Annotated[tuple[Friction, Friction], AfterValidator(rising)] | None = setting(
         (0.3, 1.2), "least and greatest coefficient, drawn per sequence: rubber's; null: the sensor's", changes="definition"
     )
-    press_speed: Range = setting((0.003, 0.006), "least and greatest speed of press and lift, m/s: either takes under half a second")
-    slide_speed: Range = setting((0.0005, 0.004), "least and greatest speed of the slide, m/s: from mostly sticking to gross slip")
-    twist_speed: Range = setting((0.1, 0.8), "least and greatest speed of the twist, rad/s, either way round")
+    press_speed: Range = setting(
+        (0.003, 0.006), "least and greatest speed of press and lift, m/s: either takes under half a second", changes="definition"
+    )
+    slide_speed: Range = setting(
+        (0.0005, 0.004), "least and greatest speed of the slide, m/s: from mostly sticking to gross slip", changes="definition"
+    )
+    twist_speed: Range = setting((0.1, 0.8), "least and greatest speed of the twist, rad/s, either way round", changes="definition")
     store: tuple[Quantity, ...] | None = setting(
         None,
         f"what is computed and stored of each step beside {', '.join(ALWAYS)}, from {', '.join(CHOSEN)}; null: all but traction, and "
