@@ -1,4 +1,4 @@
-"""Where closing fingers stop on elastic gels: where the force of a gel takes all the torque of a motor."""
+"""Where closing fingers stop on elastic gels: where the force of a gel takes all the torque of a motor, or the gel is known no deeper."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -69,29 +69,38 @@ def close_to_torque(
 ) -> tuple[Array, bool]:  # (J,), and whether no motor is overloaded
     """Stop each finger, on its way from one posture to another, where its gels take all the torque of one of its motors.
 
-    Torques are those that balance the gels' normal forces, the Jacobian transposed times the force. A finger that needs less closes to the
-    end; one that is overloaded at the start stays there.
+    Torques are those that balance the gels' normal forces, the Jacobian transposed times the force. A finger stops earlier where a gel is
+    as deep as its model is known, `FULL` of the layer and the calibration's deepest contact. One that needs less torque closes to the end;
+    one that is overloaded at the start stays there.
     """
     nudges = DIFFERENCE_STEP * np.concatenate([np.zeros((1, len(end))), np.eye(len(end))])
     closed, reached = end.copy(), list[float]()
     for finger in hand.fingers:
         joints = list(finger.joints)
 
-        def share_of_torque(share: float, finger: Finger = finger, joints: list[int] = joints) -> float:
+        def load(share: float, finger: Finger = finger, joints: list[int] = joints) -> float:
             torque, poses = np.zeros(len(joints)), sensor_poses(hand, hand_pose, start + share * (end - start) + nudges)
             for s in finger.sensors:
                 sensor, (pose, *nudged) = coarse(sensors[s]), poses[[0, *(1 + joint for joint in joints)], s]
-                pressed = impression(ray_depth(faces, pose, sensor), sensor)
-                if gel_strain(pressed, sensor) > FULL:
-                    return np.inf
-                force, centre = gel_load(pressed, sensor)
+                force, centre = gel_load(impression(ray_depth(faces, pose, sensor), sensor), sensor)
                 moved = transform_points(np.array(nudged), centre[None])[:, 0] - transform_points(pose, centre[None])
                 torque += force * (moved * pose[:3, 2]).sum(axis=1) / DIFFERENCE_STEP
-            return float(np.abs(torque).max(initial=0.0)) / (SURE * hand.torque)
+            taken = float(np.abs(torque).max(initial=0.0)) / (SURE * hand.torque)
+            if taken > 1:
+                return taken
+            depth = max((_share_of_depth(faces, poses[0, s], sensors[s]) for s in finger.sensors), default=0.0)
+            return max(taken, depth * depth)  # which grows as a torque does
 
-        reached.append(_last_within(share_of_torque))
+        reached.append(_last_within(load))
         closed[joints] = (start + reached[-1] * (end - start))[joints]
     return closed, min(reached) > 0
+
+
+def _share_of_depth(faces: BoxedFaces, pose: Array, sensor: Sensor) -> float:
+    """Compute the depth in a gel over the greatest at which its model is known: `FULL` of its layer, or what its colours were fitted to."""
+    pressed = impression(ray_depth(faces, pose, sensor), sensor)
+    fitted = sensor.calibrated.deepest if sensor.calibrated else np.inf
+    return max(gel_strain(pressed, sensor) / FULL, float(pressed.max()) / fitted)
 
 
 def _last_within(load: Callable[[float], float]) -> float:
@@ -102,7 +111,7 @@ def _last_within(load: Callable[[float], float]) -> float:
     halve = False
     while high - low > FINEST and least < NEARLY:
         # loads grow about as the square of the depth
-        part = 0.5 if halve or np.isinf(most) else float((1 - np.sqrt(least)) / (np.sqrt(most) - np.sqrt(least)))
+        part = 0.5 if halve else float((1 - np.sqrt(least)) / (np.sqrt(most) - np.sqrt(least)))
         halve, share = not halve, low + part * (high - low)
         measured = load(share)
         if measured <= 1:
