@@ -2,6 +2,7 @@
 
 `python -m benchmarks.marker_photographs FOLDER`: the folder `marker_calib/data` of github.com/Rancho-zhao/FOTS, of which `0.png` and
 `1.png` are used; the others are copies. Fitted are how far the ball was pushed, and a uniform offset of all dots, both along x and y.
+`--model` names the folder of a network that `train-touch.source=slides` trained for such a gel; only the offset is fitted.
 """
 
 import argparse
@@ -19,6 +20,7 @@ from pipeline.kernels.touch.depth_maps import press_gel
 from pipeline.kernels.touch.friction import drag_gel, gel_at_rest, surface_displacement
 from pipeline.kernels.touch.markers import dot_displacement
 from pipeline.kernels.touch.sensor import Gel, Sensor, pixel_centres
+from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 
 PIXELS_PER_METRE = 19.58e3
 BALL, MIDDLE = 0.003, (145, 121)
@@ -35,7 +37,9 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.marker_photographs", description=__doc__)
     parser.add_argument("folder", type=Path)
-    folder = parser.parse_args().folder
+    parser.add_argument("--model", type=Path)
+    options = parser.parse_args()
+    folder = options.folder
     before, after = (find_dots(read_image(folder / name)) for name in ("0.png", "1.png"))
     dots, moved = match_dots(before, after)
     rms = np.sqrt(np.mean(np.square(moved - np.median(moved, axis=0))))
@@ -48,6 +52,11 @@ def main() -> None:
             parts = (errors, errors[outside], errors[~outside])
             fitted = (f"{np.hypot(*pushed[:2]):.2f}", f"{np.hypot(*pushed[2:]):.1f}") if name == "friction" else ("–", "–")
             rows.append([f"{name}, contact of {radius} px", *(f"{np.sqrt(np.mean(part**2)):.2f}" for part in parts), *fitted])
+    if options.model:
+        outside = np.hypot(*(dots - MIDDLE).T) > RADII[1]
+        errors, offset = network_errors(options.model, [read_image(folder / name) for name in ("0.png", "1.png")], dots, moved)
+        parts = (errors, errors[outside], errors[~outside])
+        rows.append(["network", *(f"{np.sqrt(np.mean(part**2)):.2f}" for part in parts), "–", f"{np.hypot(*offset):.1f}"])
     print(
         "\n".join(
             markdown(["rms per component, px", "all dots", "outside the contact", "inside", "pushed by, mm", "uniform offset, px"], rows)
@@ -101,6 +110,19 @@ def friction_errors(dots: np.ndarray, moved: np.ndarray, radius: float) -> tuple
 
     found = optimize.least_squares(errors, [0, 0.5, 0, 2.5], diff_step=1e-2, x_scale=[0.1, 0.1, 1, 1], max_nfev=12)
     return found.x, found.fun.reshape(-1, 2)
+
+
+def network_errors(
+    model: Path, photographs: list[np.ndarray], dots: np.ndarray, moved: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:  # (N, 2) px; (2,) px
+    """Read the motion of the dots from the first photograph to the second, which a network takes for untouched and touched."""
+    network = load_touch_model(model, "cpu")
+    assert isinstance(network, LocalTouchModel)
+    read = network.read_motion(np.stack(photographs), untouched=photographs[0])
+    pixel = (1 / PIXELS_PER_METRE, 1 / PIXELS_PER_METRE)
+    positions = (dots + 0.5 - (160, 120)) / PIXELS_PER_METRE
+    errors = PIXELS_PER_METRE * dot_displacement(positions, read.shear[1].astype(np.float64), pixel) - moved
+    return errors - errors.mean(axis=0), -errors.mean(axis=0)
 
 
 def gaussian_errors(dots: np.ndarray, moved: np.ndarray) -> np.ndarray:  # (N, 2) px

@@ -26,7 +26,7 @@ class GelMotion(NamedTuple):
 
 
 class MotionNetwork(nn.Module):
-    """Convolutions to cells of 4 × 4 pixels, and between cells up to 7 away; forces add up over cells. 14,000 parameters at width 16."""
+    """Convolutions to cells of 4 × 4 pixels, and between cells up to 7 away; forces add up over cells. 10,550 parameters."""
 
     def __init__(self, width: int = 16) -> None:
         super().__init__()

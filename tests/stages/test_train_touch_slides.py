@@ -1,0 +1,91 @@
+"""`train-touch` on slides: which steps it reads, that it learns shear from moved dots, and the model that the stage saves."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import description_path
+from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.networks.local_network import LocalNetwork
+from pipeline.kernels.touch.depth_maps import press_gel
+from pipeline.kernels.touch.markers import MarkerGrid
+from pipeline.kernels.touch.sensor import Gel, pixel_centres
+from pipeline.kernels.touch.sliding import measure_steps, resting_image, slide_gel
+from pipeline.models.touch_model import LocalTouchModel, load_touch_model
+from pipeline.training.presses import Motion, Presses, SimulatedPress, stored_slides
+from stages.train_touch import TouchTrainingSettings, train_local_network
+from tests.stages.tiny_dataset import manifest, run_stage
+
+DOTS = MarkerGrid(rows=6, cols=8, radius=5e-4)
+SENSOR = load_sensor("gelsight", shape=(36, 48)).model_copy(update={"markers": DOTS, "gel": Gel(modulus=1e5, thickness=0.004)})
+OFF = dict.fromkeys(("image_gain", "image_noise", "image_mix", "image_depth", "image_blur", "image_drift"), 0.0)
+BALL = 0.006  # m, radius
+
+
+def slid_balls(count: int, seed: int) -> Presses:
+    """Balls that are pressed and pushed aside: the last step of each."""
+    rng, steps = np.random.default_rng(seed), []
+    x, y = pixel_centres(SENSOR)
+    for _ in range(count):
+        at, deep = rng.uniform(-0.003, 0.003, 2), rng.uniform(3e-4, 8e-4)
+        views = []
+        for aside in (np.zeros(2), np.zeros(2), rng.uniform(-4e-4, 4e-4, 2)):
+            middle, pose = at + aside, np.eye(4)
+            pose[:2, 3] = -middle
+            squared = (x[None] - middle[0]) ** 2 + (y[:, None] - middle[1]) ** 2
+            height = SENSOR.w + BALL - (deep if views else -1e-5) - np.sqrt(np.maximum(BALL**2 - squared, 0))
+            views.append((np.where(squared < BALL**2, height, np.inf).astype(np.float32), pose))
+        slid = list(slide_gel(views, SENSOR, 2.0))
+        stored = measure_steps(slid[1:], ("tactile_image", "shear", "slip", "force"))
+        motion = Motion(stored["tactile_image"][0], stored["shear"][1], stored["slip"][1], stored["force"][1])
+        gel = slid[2].gel
+        steps.append(SimulatedPress(stored["tactile_image"][1], gel.indentation.astype(np.float32), gel.contact, motion))
+    return Presses(SENSOR, resting_image(SENSOR), [str(number) for number in range(count)], steps.__getitem__)
+
+
+def test_shear_is_learned_from_moved_dots(tmp_path: Path) -> None:
+    settings = TouchTrainingSettings.model_validate(OFF | {"source": "slides", "epochs": 30, "batch_size": 8, "width": 4, "window": 16})
+    network, facts = train_local_network(slid_balls(64, 0), slid_balls(8, 1), settings, folder=tmp_path, seed=0)
+    assert {"depth_error_um", "shear_error_um", "force_error_n"} < set(facts["best"])
+    unseen, model = slid_balls(16, 2), LocalTouchModel(network, SENSOR, resting_image(SENSOR))
+    errors, shears = [], []
+    for press in map(unseen.read, range(16)):
+        read = model.read_motion(np.stack([press.motion.before, press.image]))
+        errors.append((read.shear[1] - press.motion.shear)[press.contact])
+        shears.append(press.motion.shear[press.contact])
+        assert read.slips.shape == (2, 36, 48)
+    assert np.square(np.concatenate(errors)).mean() < 0.6 * np.square(np.concatenate(shears)).mean()
+
+
+def test_a_network_of_presses_reads_no_motion() -> None:
+    model = LocalTouchModel(LocalNetwork(4), SENSOR, resting_image(SENSOR))
+    with pytest.raises(InvalidInput, match=r"train-touch\.source=slides"):
+        model.read_motion(resting_image(SENSOR)[None])
+
+
+def test_stage_reads_each_step_with_the_one_before_and_saves_a_model_that_reads_motion(tmp_path: Path) -> None:
+    described = yaml.safe_load(description_path("sensor", "gelsight").read_text()) | {"name": "dotted", "markers": DOTS.model_dump()}
+    (tmp_path / "dotted.yaml").write_text(yaml.safe_dump(described | {"markers": {"rows": 3, "cols": 4, "radius": 5e-4}}))
+    objects, data = manifest(train=1, valid=1), tmp_path / "data"
+    run_stage(data, "sample-surfaces", objects)
+    slides = ("slides=2", "steps=8", "rate=4", "pixels=40", f"sensor={tmp_path / 'dotted.yaml'}")
+    run_stage(data, "simulate-slides", objects, *(f"simulate-slides.{text}" for text in slides))
+    stored = stored_slides(data, "train")
+    assert len(stored) == 2 * 8
+    rows = ObjectRows(data, ["slide_tactile_image", "slide_depth", "slide_force"], "train")
+    image, depth, force = (rows.read(name, rows.object_ids[0], 1) for name in ("slide_tactile_image", "slide_depth", "slide_force"))
+    step = stored.read(8 + 3)
+    assert stored.name(8 + 3).endswith("slide 1 step 3")
+    assert (step.image == image[3]).all()
+    assert (step.motion.before == image[2]).all()
+    assert (step.motion.force == force[3]).all()
+    assert step.indentation == pytest.approx(press_gel(depth[3], stored.sensor).indentation, abs=1e-9)
+    assert (stored.read(8).motion.before == image[0]).all()  # the first has none before
+    folder = run_stage(data, "train-touch", objects, "train-touch.source=slides", "train-touch.epochs=1", "train-touch.window=16")
+    read = load_touch_model(folder, "cpu").read_motion(image)
+    assert read.shear.shape == (8, 30, 40, 2)
+    assert read.force.shape == (8, 3)
