@@ -16,7 +16,7 @@ from pipeline.kernels.touch.ray_depth import BoxedFaces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres, resample_longer_side
 
 PIXELS = 64  # along the longer side of a gel whose force is computed
-SURE = 0.98  # share of a motor's torque that is used: with all pixels, a force is up to 2 % larger
+SURE = 0.98  # share of a motor's torque, and of a calibration's depth, that is used: with all pixels a force is up to 2 % larger
 FULL = 0.9  # strain beyond which no finger closes, and a gel's force is that of its linear layer times a constant
 NEARLY = 0.95  # share of that from which a finger has closed
 FINEST = 1e-4  # share of a finger's way to which its end is searched: a micrometre where it is drawn back by 6 mm
@@ -100,7 +100,7 @@ def _share_of_depth(faces: BoxedFaces, pose: Array, sensor: Sensor) -> float:
     """Compute the depth in a gel over the greatest at which its model is known: `FULL` of its layer, or what its colours were fitted to."""
     pressed = impression(ray_depth(faces, pose, sensor), sensor)
     fitted = sensor.calibrated.deepest if sensor.calibrated else np.inf
-    return max(gel_strain(pressed, sensor) / FULL, float(pressed.max()) / fitted)
+    return max(gel_strain(pressed, sensor) / FULL, float(pressed.max()) / (SURE * fitted))
 
 
 def _last_within(load: Callable[[float], float]) -> float:
