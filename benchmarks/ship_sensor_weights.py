@@ -40,7 +40,7 @@ TRAINED_ON = (
     "none of which ships"
 )
 NOT_FOR = (
-    "gels with markers, other sensors of the same make than those whose colours the file holds (calibrate your own), slopes and depths "
+    "other sensors of the same make than those whose colours the file holds (calibrate your own), slopes and depths "
     "beyond what the file states, and any use in which a wrong depth does harm"
 )
 SIMULATED = "simulated balls"
