@@ -39,7 +39,7 @@ HELD_OUT = {"gelsight": "the odd ones in taxim 1.4.1", "gelsight_mini": "23 in r
 TRAINED_ON = "simulated presses of random shapes into the sensor file {}.yaml, and no photograph; its numbers were fitted to {}"
 NO_PHOTOGRAPH = "nothing: its lamps are a guess, and photographs of a real one are not read well before it is calibrated"
 NOT_FOR = (
-    "gels with markers, other sensors of the same make than those whose colours the file holds (calibrate your own), slopes and depths "
+    "other sensors of the same make than those whose colours the file holds (calibrate your own), slopes and depths "
     "beyond what the file states, and any use in which a wrong depth does harm"
 )
 SIMULATED = "simulated balls"

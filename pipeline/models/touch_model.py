@@ -48,7 +48,7 @@ class _Description(Entries):
     @model_validator(mode="after")
     def _has_a_threshold(self) -> "_Description":
         if (self.network == "unet") == (self.mask_threshold is None):
-            raise ValueError(f"mask_threshold is {self.mask_threshold}; a U-Net has one, and a local network none")
+            raise ValueError(f"mask_threshold is {self.mask_threshold}; a U-Net has one, and a local network finds contact itself")
         return self
 
 

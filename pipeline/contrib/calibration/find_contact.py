@@ -64,6 +64,7 @@ def find_contact(
         raise InvalidInput(f"no circle fits the rim of the contact at ({x:.0f}, {y:.0f}); give it in circles.csv")
     if radius < SMALLEST:
         raise InvalidInput(f"the contact's radius is {radius:.1f} pixels; {SMALLEST:g} are needed")
+    _check_seen(_polar(change, x, y, int(radius) + 1)[1][:, int(radius * PER_PIXEL)], x, y)
     for other in others:
         distance = np.hypot(other.coords[:, 1] - x, other.coords[:, 0] - y).min()
         if distance > radius + SMALLEST and other.area > np.pi * SMALLEST**2 and other.intensity_max > strength.max() / 2:
@@ -120,9 +121,7 @@ def _fit_rim(change: Array, x: float, y: float, reach: float) -> tuple[float, fl
     falls = beyond & (size < AT_RIM * greatest)
     at = np.where(falls.any(axis=1), falls.argmax(axis=1), size.shape[1] - 1)
     seen = np.take_along_axis(inside, at[:, None], axis=1)[:, 0]
-    if seen.mean() < LEAST_SEEN:
-        share = f"{100 * seen.mean():.0f} % of the rim of the contact at ({x:.0f}, {y:.0f})"
-        raise InvalidInput(f"the image shows {share}; {100 * LEAST_SEEN:.0f} % are needed")
+    _check_seen(seen, x, y)
     angles, radii = np.linspace(0, 2 * np.pi, ANGLES, endpoint=False)[seen], at[seen] / PER_PIXEL
     points = np.stack([x + radii * np.cos(angles), y + radii * np.sin(angles)], axis=1)
     aside = max(RIM, ASIDE * float(np.median(radii)))
@@ -130,6 +129,13 @@ def _fit_rim(change: Array, x: float, y: float, reach: float) -> tuple[float, fl
     if not circle:
         raise InvalidInput(f"no circle fits the rim of the contact at ({x:.0f}, {y:.0f}); give it in circles.csv")
     return float(circle.center[0]), float(circle.center[1]), float(circle.radius)
+
+
+def _check_seen(seen: Mask, x: float, y: float) -> None:
+    """Raise an `InvalidInput` if the image shows a contact's rim in too few directions."""
+    if seen.mean() < LEAST_SEEN:
+        share = f"{100 * seen.mean():.0f} % of the rim of the contact at ({x:.0f}, {y:.0f})"
+        raise InvalidInput(f"the image shows {share}; {100 * LEAST_SEEN:.0f} % are needed")
 
 
 def _rim_points(change: Array, contact: Circle, largest: float) -> tuple[Array, Array, float]:
