@@ -254,15 +254,17 @@ def measure(
                     Figure(object_id, first, case.grasp_count, metric, value) for first, metric, value in protocol.figures(method, measured)
                 ]
                 if method.keeps_surfaces and case in kept_cases:
+                    if method.has_charts:  # touch charts are input, and the vision charts have the same faces in every reconstruction
+                        faces = kept[0].faces if kept else surface.faces[(surface.faces < surface.vision).all(axis=1)]
+                        surface = replace(surface, vertices=surface.vertices[: surface.vision].astype(np.float32), faces=faces)
                     kept.append(surface)
                 meter.advance()
     if not kept:
         return rows, {}
     shape = (len(objects), len(kept_cases))
     if method.has_charts:
-        vertices = np.array([surface.vertices[: surface.vision] for surface in kept], np.float32)
-        faces = kept[-1].faces[(kept[-1].faces < kept[-1].vision).all(axis=1)]
-        surfaces: Arrays = {"vertices": vertices.reshape(*shape, -1, 3), "faces": faces, "position": kept[-1].position}
+        vertices = np.reshape([surface.vertices for surface in kept], (*shape, -1, 3))
+        surfaces: Arrays = {"vertices": vertices, "faces": kept[0].faces, "position": kept[0].position}
     else:
         surfaces = {
             "vertices": np.concatenate([surface.vertices for surface in kept]),
