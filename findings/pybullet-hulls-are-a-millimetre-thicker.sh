@@ -1,5 +1,5 @@
 #!/bin/sh
-# PyBullet thickens meshes and cylinders of a URDF by 1 mm, and changeDynamics(collisionMargin=...) does not change that.
+# PyBullet thickens meshes and cylinders of a URDF by 1 mm, whatever collisionMargin is set.
 #
 # One expects: links touch where their surfaces meet, as those of boxes do, or at the margin that changeDynamics sets.
 # What happens: contact with the convex hull of a mesh, and with a cylinder, begins 1 mm before its surface. changeDynamics takes
