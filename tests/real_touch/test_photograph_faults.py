@@ -209,7 +209,7 @@ def write_presses(folder: Path, alter: Callable[[Pixels, int], Pixels]) -> None:
 def test_calibration_names_altered_photographs(tmp_path: Path, alter: Callable[[Pixels, int], Pixels], message: str) -> None:
     write_presses(tmp_path, alter)
     with pytest.raises(InvalidInput, match=message):
-        read_photographs(tmp_path, tmp_path / "untouched.png")
+        read_photographs(tmp_path, tmp_path / "untouched.png", largest=100)
 
 
 def test_contacts_that_are_ellipses_need_the_height_of_a_pixel(tmp_path: Path) -> None:
@@ -222,10 +222,11 @@ def test_contacts_that_are_ellipses_need_the_height_of_a_pixel(tmp_path: Path) -
         Image.fromarray(noisy(tactile_image(depth, sensor), number)).save(tmp_path / f"{number}.png")
     Image.fromarray(untouched_image(sensor)).save(tmp_path / "untouched.png")
     with pytest.raises(InvalidInput, match=r"contacts are \d+ % wider than high, in pixels .*add --mm-per-row: .* 1\.(09|10|11)\d times"):
-        read_photographs(tmp_path, tmp_path / "untouched.png")
-    photographs, _, unusable = read_photographs(tmp_path, tmp_path / "untouched.png", row_scale=1.1)
+        read_photographs(tmp_path, tmp_path / "untouched.png", 0.004 / sensor.pitch[1])
+    photographs, _, unusable = read_photographs(tmp_path, tmp_path / "untouched.png", 0.004 / sensor.pitch[1], row_scale=1.1)
     assert unusable == {}
     for photograph, contact in zip(photographs, contacts, strict=True):
         found = photograph.contact
-        np.testing.assert_allclose([found.x, found.y, found.radius], [contact.x, contact.y, contact.radius], rtol=0, atol=1)
+        np.testing.assert_allclose([found.x, found.y], [contact.x, contact.y], rtol=0, atol=1)
+        assert found.radius == pytest.approx(contact.radius, rel=0.1)
     assert uncalibrated_sensor("mine", (166, 240), pitch=1e-4, thickness=0.004, row_scale=1.1).height == pytest.approx(166 * 1.1e-4)
