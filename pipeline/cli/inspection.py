@@ -102,7 +102,7 @@ def summary(
     data: DataArgument,
     most: Annotated[int, typer.Option(min=1, help="Maximum number of objects to draw, spread evenly.")] = 40,
 ) -> None:
-    """Print a dataset's statistics, draw its contact sheets, and animate a few of its slides."""
+    """Print a dataset's statistics; draw contact sheets, and animations of slides."""
     from pipeline.drawing.contact_sheet import SHOWN, contact_sheets, slide_animation
     from pipeline.tables.touch_tables import read_touches, slide_tables, touch_tables
 

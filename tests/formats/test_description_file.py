@@ -111,7 +111,7 @@ def test_scene_file_with_one_camera_is_refused_with_the_remedy(tmp_path: Path) -
 def test_missing_description_lists_the_shipped_ones() -> None:
     with pytest.raises(InvalidInput, match=r"there is no sensor 'nope'; built in are digit, gel_16mm"):
         load_sensor("nope")
-    with pytest.raises(InvalidInput, match=r"there is no scene 'gone\.yaml'; built in are supplement"):
+    with pytest.raises(InvalidInput, match=r"there is no scene 'gone\.yaml'; built in are robot, supplement"):
         load_scene("gone.yaml")
 
 

@@ -48,15 +48,15 @@ def slid_balls(count: int, seed: int) -> Presses:
     return Presses(SENSOR, resting_image(SENSOR), [str(number) for number in range(count)], steps.__getitem__)
 
 
-def test_training_on_slides_lowers_the_loss_and_the_model_reads_sequences(tmp_path: Path) -> None:
-    settings = TouchTrainingSettings.model_validate(OFF | {"source": "slides", "epochs": 8, "batch_size": 4, "width": 4, "window": 16})
-    steps, valid = slid_balls(32, 0), slid_balls(8, 1)
+def test_network_learns_given_slides_and_reads_sequences(tmp_path: Path) -> None:
+    settings = TouchTrainingSettings.model_validate(OFF | {"source": "slides", "epochs": 60, "batch_size": 4, "width": 4, "window": 16})
+    steps = valid = slid_balls(8, 0)
     untrained = LocalNetwork(4, reads_motion=True)
     with torch.inference_mode():
         before = PressLearner(untrained, steps, valid, settings).validate(untrained)["loss"]
     network, facts = train_local_network(steps, valid, settings, folder=tmp_path, seed=0)
     assert {"depth_error_um", "shear_error_um", "force_error_n"} < set(facts["best"])
-    assert facts["best"]["loss"] < 0.95 * before
+    assert facts["best"]["loss"] < 0.7 * before
     model, press = LocalTouchModel(network, SENSOR, resting_image(SENSOR)), valid.read(0)
     read = model.read_motion(np.stack([press.motion.before, press.image]))
     assert (read.shear.shape, read.slips.shape, read.force.shape) == ((2, 36, 48, 2), (2, 36, 48), (2, 3))
