@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial import cKDTree
 
+from pipeline.dataset.grasps import grasp_count
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import is_surface
 from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS, Y_UP, Color, finger_colors, linear_colors
@@ -50,7 +51,7 @@ class GraspScenes:
         scene = trimesh.Scene(base_frame="world")
         for number, part in enumerate(self._object(rows["surfaces"])):
             self.add(scene, f"object-{number}", part, "object")
-        for grasp in range(len(rows["grasps"]["hand_pose"])):
+        for grasp in range(grasp_count(rows["grasps"])):
             self._add_grasp(scene, rows, grasp)
         return scene
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.config.manifest import TOTAL
 from pipeline.console import Columns, Row, Table, tabulate
+from pipeline.dataset.grasps import grasp_count, grasp_counts
 from pipeline.dataset.object_rows import ObjectRows, has_paper_sizes, sensors_of
 from pipeline.kernels.touch.depth_maps import beyond_ranges
 from pipeline.store.directory import DataDirectory
@@ -75,33 +76,35 @@ class Touches:
 
 
 def read_touches(data: Location) -> Touches:
-    """Read the touches of a data directory."""
-    shard = DataDirectory(data).collection(GRASPS).first
+    """Read the touches of a data directory, without grasps that `read-grasps` repeated."""
+    grasps = DataDirectory(data).collection(GRASPS)
+    shard = grasps.first
     hold = tuple(name for name in HOLD_ARRAYS if shard.has(name))
     rows = ObjectRows(data, ["touch_success", "attempt_success", *CONTACT_ARRAYS, *hold], split=None)
-    objects, gels = [], _read_gels(data)
+    objects, gels, counts = [], _read_gels(data), grasp_counts(grasps, rows.object_ids)
     for object_id, category in zip(rows.object_ids, rows.categories, strict=True):
-        area, angle, margin = (rows.read(name, object_id) for name in CONTACT_ARRAYS)
+        kept = {name: rows.read(name, object_id)[: counts[object_id]] for name in ("touch_success", *CONTACT_ARRAYS, *hold)}
+        area, angle, margin = (kept[name] for name in CONTACT_ARRAYS)
         contacts = np.stack([1e6 * area.sum(axis=1), angle, margin], axis=1)
         measured: dict[str, Any] = {"gels": gels.get(object_id)}
-        measured |= {name: rows.read(name, object_id) for name in ("held", "held_directions") if name in hold}
+        measured |= {name: kept[name] for name in ("held", "held_directions") if name in hold}
         if hold:
             measured["diagonal"] = rows.diagonal(object_id)
         if "hold_speed" in hold:
-            measured["motions"] = np.stack([rows.read(name, object_id) for name in ("hold_distance", "hold_speed")], axis=-1)
-        touched, attempts = (rows.read(name, object_id) for name in ("touch_success", "attempt_success"))
-        objects.append(ObjectTouches(category, touched, attempts, contacts, **measured))
+            measured["motions"] = np.stack([kept["hold_distance"], kept["hold_speed"]], axis=-1)
+        objects.append(ObjectTouches(category, kept["touch_success"], rows.read("attempt_success", object_id), contacts, **measured))
     sensors = [str(name) for name in shard.read("sensor")]
     return Touches(sorted(objects, key=lambda item: item.category), sensors, has_paper_sizes(data))
 
 
 def _read_gels(data: Location) -> dict[str, NDArray[np.float64]]:
     """Read `gels` of the objects whose touches have been simulated, by name; none without elastic gels."""
-    collection, gels = DataDirectory(data).collection(TOUCH), {}
+    (grasps, collection), gels = map(DataDirectory(data).collection, (GRASPS, TOUCH)), {}
     if collection.shards and collection.first.has("indentation"):
         sensors = sensors_of(collection.first)
         for name in (name for name in collection if not collection.failure(name)):
-            indentation, force = (collection.view(name)[array] for array in ("indentation", "force"))
+            count = grasp_count(grasps.view(name))
+            indentation, force = (collection.view(name)[array][:count] for array in ("indentation", "force"))
             columns = np.stack([force, 1e3 * indentation, *beyond_ranges(indentation, sensors)], axis=-1)
             gels[name] = columns[indentation > 0].astype(np.float64)
     return gels

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pydantic import FiniteFloat
 
 from pipeline.contrib.report.report_source import ReportSource, best, errors_table
+from pipeline.dataset.grasps import grasp_count
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import sensor_of
 from pipeline.drawing.grasp_pictures import Rows, camera_images, grasp_note, size_note, touches_of
@@ -96,13 +97,15 @@ class ObjectPages:
         if slides and are_drawable(slides.first):
             title, touches = first_slide(slides.view(object_id))
             files[".slide.webp"] = animate_slides([(title, touches)], sensor_of(slides.first))
-        surface, areas = self.source.collections["surfaces"].row(object_id), rows["grasps"]["contact_area"].astype(np.float64)
+        surface, count = self.source.collections["surfaces"].row(object_id), grasp_count(rows["grasps"])
+        areas, touched = (rows["grasps"][name][:count] for name in ("contact_area", "touch_success"))
+        areas = areas.astype(np.float64)
         page = self.template.render(
             id=object_id,
             category=surface.category,
             split=surface.split,
             size=size_note(rows["surfaces"]),
-            grasps=[self._grasp(rows, number, areas[number]) for number in range(len(areas))],
+            grasps=[self._grasp(rows, number, areas[number]) for number in range(count)],
             parts=[(part, label) for part, label in PARTS.items() if part != "charts" or "charts" in rows],
             predictions=predictions,
             best=best(predictions) if predictions else None,
@@ -113,7 +116,6 @@ class ObjectPages:
         files[".html"] = page.encode()
         for ending, content in files.items():
             (self.folder / f"{object_id}{ending}").write_bytes(content)
-        touched = rows["grasps"]["touch_success"]
         return ObjectCard(
             key=key,
             category=surface.category,

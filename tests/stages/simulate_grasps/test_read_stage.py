@@ -19,6 +19,7 @@ from pipeline.engine.plan import Made, Request
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
 from pipeline.recipes.dataset_recipe import recipe_of
+from pipeline.tables.touch_tables import read_touches
 from stages.registry import load_stage, resolve
 from tests.command_line import vt
 from tests.stages.tiny_dataset import ASSIGNMENTS, manifest, run_stage
@@ -160,6 +161,9 @@ def test_wrong_grasps_are_named_and_the_others_are_read(arrays, copy, tmp_path):
     run_stage(copy, "simulate-touch", manifest(1, 0))
     ((_, frames),) = (tables := GraspFrames(copy)).episodes()
     assert (tables.summary, [frame["grasp"] for frame in frames]) == ("1 grasp", [0])
+    (touches,) = read_touches(copy).objects
+    assert len(touches.touched) == len(touches.contacts) == 1
+    assert len(touches.gels) == touches.touched.sum()
     vt("export", copy, tmp_path / "out", "--to", "grasps")
     with np.load(tmp_path / "out" / f"{NAME}.npz") as exported:
         assert len(exported["hand_pose"]) == 1
