@@ -117,8 +117,10 @@ def _arrays(content: bytes) -> dict[str, np.ndarray]:
                 raise InvalidInput("it is compressed in another way than NumPy does; write it again with numpy.savez_compressed")
             if sum(member.file_size for member in members) > MAX_BYTES:  # zipfile reads no more than that
                 raise InvalidInput(f"its arrays have more than {MAX_BYTES} bytes; split it into several files")
-            for part in ARRAYS.intersection(archive.files):
+            for part in sorted(ARRAYS.intersection(archive.files)):
                 arrays[part] = archive[part]
+                if arrays[part].dtype.itemsize == 0:  # a short file may state any number of empty names
+                    raise InvalidInput(f"{part} has type {arrays[part].dtype}, whose values are empty; write numbers, and names as text")
     except InvalidInput:
         raise
     except Exception as error:  # zipfile and NumPy raise whatever they trip over

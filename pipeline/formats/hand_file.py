@@ -21,7 +21,7 @@ from pipeline.formats.mesh_reader import read_within_limits
 from pipeline.formats.mjcf_files import is_mjcf
 from pipeline.formats.urdf import read_urdf
 from pipeline.kernels.arrays import Array
-from pipeline.kernels.geometry.transforms import length, pose_of
+from pipeline.kernels.geometry.transforms import pose_of, unit_vectors
 from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.convex_shapes import with_convex_shapes
 from pipeline.kernels.hand.model import Finger, Hand, HandModel, Mount
@@ -52,7 +52,7 @@ class _SensorMount(Entries):
 
     @model_validator(mode="after")
     def _is_perpendicular(self) -> "_SensorMount":
-        skew = float(_unit(self.columns) @ _unit(self.normal))
+        skew = float(unit_vectors(self.columns) @ unit_vectors(self.normal))
         if abs(skew) > MAX_SKEW:
             raise ValueError(f"normal {self.normal} and columns {self.columns} are {np.degrees(np.arccos(skew)):.1f}° apart; make it 90°")
         return self
@@ -60,9 +60,8 @@ class _SensorMount(Entries):
     @property
     def pose(self) -> Array:
         """The sensor's frame (4, 4) in the link's."""
-        z, x = _unit(self.normal), _unit(self.columns)
-        x = x - (x @ z) * z  # they were rounded
-        x /= length(x)
+        z, x = unit_vectors(self.normal), unit_vectors(self.columns)
+        x = unit_vectors(x - (x @ z) * z)  # they were rounded
         return pose_of(np.column_stack([x, np.cross(z, x), z]), self.origin)
 
 
@@ -159,10 +158,6 @@ def _not_zero(vector: Vector) -> Vector:
     return vector
 
 
-def _unit(vector: Vector) -> Array:
-    return np.array(vector, np.float64) / float(length(vector))
-
-
 def load_hand(
     name: str | Path,  # of a shipped hand (`allegro_right`), or the path of a hand file
 ) -> Hand:
@@ -237,7 +232,7 @@ def _assemble(file: HandFile, path: Path, model: Path) -> Hand:
         upper=np.array([joint.limits[1] for joint in roles.independent]),
         fingers=fingers,
         sensors=sensors,
-        palm_facing=_unit(file.palm.facing),
+        palm_facing=unit_vectors(file.palm.facing),
         palm_centre=np.array(file.palm.centre, np.float64),
         followers=roles.followers,
         frozen=roles.frozen,

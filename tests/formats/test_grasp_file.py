@@ -182,6 +182,12 @@ def test_python_objects_in_npz_are_refused(tmp_path: Path) -> None:
     assert refusal(grasp.stated).endswith("write numbers, and names as text, with numpy.savez")
 
 
+def test_names_without_letters_are_refused_before_they_are_listed(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", **arrays(joint_names=np.ndarray(1000, "<U0")))
+    (grasp,) = read_grasp_file(tmp_path / "a.npz", tmp_path)
+    assert refusal(grasp.stated).startswith("joint_names has type <U0, whose values are empty")
+
+
 def test_archives_that_expand_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     np.savez_compressed(tmp_path / "a.npz", hand_pose=np.zeros((1000, 4, 4)))
     monkeypatch.setattr(grasp_file, "MAX_BYTES", 10_000)

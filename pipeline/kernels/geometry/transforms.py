@@ -104,9 +104,9 @@ def length(vectors: ArrayLike) -> Array:
     return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
-def unit_vectors(vectors: Array) -> Array:
+def unit_vectors(vectors: ArrayLike) -> Array:
     """Scale vectors (..., N) to length 1; zero stays zero."""
-    return np.asarray(vectors / np.maximum(length(vectors), np.finfo(np.float64).tiny)[..., None])
+    return np.asarray(np.asarray(vectors) / np.maximum(length(vectors), np.finfo(np.float64).tiny)[..., None])
 
 
 def sin_cos(angles: ArrayLike) -> tuple[Array, Array]:
