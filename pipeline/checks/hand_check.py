@@ -34,7 +34,7 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.hand_urdf import GEARED_INERTIA, geared_links, inertia_notes
 from pipeline.physics.simulation import Simulation
 from pipeline.rng import numpy_rng
-from stages.simulate_grasps.grasp_search import GraspSearch
+from stages.simulate_grasps.grasp_search import OVERLOADED, GraspSearch
 from stages.simulate_grasps.plans import TouchPlanner
 from stages.simulate_grasps.prepare import MEASURE_SPACING, finger_gap, prepare_hand, prepare_object
 from stages.simulate_grasps.stage import GraspSettings
@@ -61,6 +61,7 @@ REMEDIES = {
     NO_ROOM: PALM,
     "fingers still move": "lower torque in the hand file",
     "a joint is pushed": "lower torque in the hand file",
+    OVERLOADED: "raise torque in the hand file, or name a sensor with a softer or thicker gel",
     "links of the hand": "write what is against the overlaps into the hand file",
     "a rigid link": "lay the sensors' origins on the surface of their links, and normals outwards, in the hand file",
 }

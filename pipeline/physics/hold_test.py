@@ -194,7 +194,7 @@ class HoldTest(HandPhysics):
         self,
         grasp: Grasp,  # of the object that is loaded
         *,
-        acceleration: Sequence[float] = DOWN,  # (3,) on the object and the hand's links, world, m/s²
+        acceleration: Sequence[float] = DOWN,  # (3,) world, m/s², see `_accelerate`
         seconds: float = 1.0,  # at most: the test ends early when the object rests
         limit: float = WITHIN,  # m that the object's centre may move; beyond, the test ends early
         path: Sequence[Array] = (),  # (J,) targets of the motors, each for `path_seconds`, without gravity

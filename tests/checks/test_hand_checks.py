@@ -13,6 +13,7 @@ from pipeline.checks.description_checks import check_file, described_file
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
+from stages.simulate_grasps.grasp_search import GraspSearch
 from stages.simulate_grasps.prepare import prepare_hand
 from stages.simulate_grasps.stage import GraspSettings, SimulateGrasps
 from tests.checks.edited_descriptions import edited
@@ -94,6 +95,12 @@ def test_wrong_palm_is_a_fault(changed: dict[str, Any], fault: str, tmp_path: Pa
     lines = lines_of(tmp_path, palm=changed)
     assert "faults below" in lines[0]
     assert any(re.match(f"fault: {fault}", line) for line in lines)
+
+
+def test_gels_that_overload_the_motors_have_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(GraspSearch, "closed", lambda search, pose, start, angles: (angles, False))
+    (fault,) = (line for line in lines_of(tmp_path) if line.startswith("fault: "))
+    assert re.search("mostly because a gel presses harder than .*; raise torque in the hand file", fault)
 
 
 def test_trial_reports_the_number_of_grasps_and_limits_that_do_not_count(tmp_path: Path) -> None:

@@ -143,7 +143,7 @@ def export_dexgraspbench(
                 "obj_path": str(assets),
                 "obj_scale": grasped.scale,
                 "obj_pose": np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
-                **{f"{phase}_qpos": np.array([*placed, *map(posture.get, joint_names)]) for phase, posture in values.items()},
+                **{f"{phase}_qpos": np.array([*placed, *(posture[name] for name in joint_names)]) for phase, posture in values.items()},
                 "joint_names": np.array(joint_names),
                 "hand": hand.name,
             }

@@ -42,10 +42,10 @@ def hulls_of(hand: Hand, link: int) -> list[Hull]:
     bodies, hulls = rigid_bodies(hand), []
     frames = forward_kinematics(hand, np.eye(4), np.clip(0.0, hand.lower, hand.upper))
     for number in np.flatnonzero(bodies == bodies[link]).tolist():
-        place = compose(invert_pose(frames[link]), frames[number])
+        to_link = compose(invert_pose(frames[link]), frames[number])
         for shape in hand.links[number].collisions:
             try:
-                hull = scipy.spatial.ConvexHull(transform_points(place, shape.mesh.vertices))
+                hull = scipy.spatial.ConvexHull(transform_points(to_link, shape.mesh.vertices))
             except (scipy.spatial.QhullError, ValueError):  # it is flat or not finite, and reported elsewhere
                 continue
             hulls.append(Hull(hull.equations, Mesh.bare(hull.points, hull.simplices)))
@@ -63,8 +63,8 @@ def nearest_surface(
         others = [*hulls[:number], *hulls[number + 1 :]]
         bare = Mesh.bare(mesh.vertices, mesh.faces[~_within(mesh.triangles.mean(axis=1), others)])
         if len(bare.faces):
-            distances, _, places = nearest_faces(point[None], bare)
-            nearest.append((bool(_within(places, others)[0]), float(distances[0]), places[0], number))
+            distances, _, points = nearest_faces(point[None], bare)
+            nearest.append((bool(_within(points, others)[0]), float(distances[0]), points[0], number))
     _, distance, closest, number = min(nearest, key=lambda item: item[:2])
     planes = hulls[number].planes
     meeting = planes[np.abs(planes[:, :3] @ closest + planes[:, 3]) <= MEETING, :3]
@@ -127,8 +127,8 @@ def _fault(mount: Mount, link: str, hulls: Sequence[Hull], top: float) -> tuple[
     depth = depth_in_link(hulls, origin, normal, ahead=top)
     gap = 0.0 if _within(origin[None], hulls)[0] else surface.distance
     is_off = gap > STANDING_OFF
-    away, place = (gap, surface.point) if is_off else (depth, origin + depth * normal)
-    turn, move = f"write `normal: {_listed(-normal)}`", f"move its `origin` by {1e3 * away:.3g} mm, to {_listed(place)}"
+    distance, moved = (gap, surface.point) if is_off else (depth, origin + depth * normal)
+    turn, move = f"write `normal: {_listed(-normal)}`", f"move its `origin` by {1e3 * distance:.3g} mm, to {_listed(moved)}"
     if surface.normal @ normal < 0 and depth_in_link(hulls, origin, -normal, ahead=top) <= ROUNDED:
         remedy = f"{turn}, and {move}" if is_off else turn
         return True, f"the gel of {mount.name} faces its link {link}, which objects meet first: its normal points into the link: {remedy}"

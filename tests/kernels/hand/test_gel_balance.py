@@ -8,7 +8,16 @@ import trimesh
 
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.hand.gel_balance import FULL, NEARLY, SURE, close_to_torque, coarse, gel_load, gel_strain, with_force
+from pipeline.kernels.hand.gel_balance import (
+    CLOSED_SHARE,
+    MAX_STRAIN,
+    SAFE_SHARE,
+    close_to_torque,
+    gel_load,
+    gel_strain,
+    with_fewer_pixels,
+    with_force,
+)
 from pipeline.kernels.hand.grasp import Contact
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.touch.depth_maps import impression
@@ -48,7 +57,7 @@ def pads(sensor: Sensor, faces: BoxedFaces, *, limit: float, depth: float) -> tu
 @pytest.mark.parametrize("limit", [4.0, 12.0])
 def test_pads_stop_where_their_forces_together_take_the_motors_force(sensor: Sensor, faces: BoxedFaces, limit: float) -> None:
     depth, force = pads(sensor, faces, limit=limit, depth=0.9 * sensor.layer_thickness)
-    assert NEARLY * SURE * limit <= 2 * force <= limit * (SURE + 1e-6)
+    assert CLOSED_SHARE * SAFE_SHARE * limit <= 2 * force <= limit * (SAFE_SHARE + 1e-6)
     assert 0 < depth < 0.9 * sensor.layer_thickness
 
 
@@ -58,7 +67,7 @@ def test_pads_that_need_less_close_to_the_end_and_strong_ones_never_through_the_
     assert 2 * force < 100
     for sensor in (MINI, MINI.model_copy(update={"gel": Gel(modulus=2e5, thickness=0.006)})):  # a layer as thick as it behaves, over w
         depth, _ = pads(sensor, BALL, limit=1e6, depth=0.0039)
-        assert 0.95 <= depth / (FULL * min(sensor.layer_thickness, sensor.w)) <= 1.005  # a facet is lower than the ball
+        assert 0.95 <= depth / (MAX_STRAIN * min(sensor.layer_thickness, sensor.w)) <= 1.005  # a facet is lower than the ball
 
 
 def test_pads_stop_at_the_deepest_contact_of_the_calibration() -> None:
@@ -103,5 +112,5 @@ def test_contact_gets_its_force_and_the_slope_of_it() -> None:
         forces.append(contact.force)
         slopes.append(contact.stiffness)
     assert forces[1] - forces[0] == pytest.approx(1e-5 * np.mean(slopes), rel=0.1)
-    assert max(coarse(MINI).shape) < max(MINI.shape)
-    assert max(coarse(THIN).pitch) <= THICKNESS
+    assert max(with_fewer_pixels(MINI).shape) < max(MINI.shape)
+    assert max(with_fewer_pixels(THIN).pitch) <= THICKNESS
