@@ -51,7 +51,7 @@ def _decompose(mesh: Mesh) -> list[Array]:
     parts = []
     for piece in _pieces(mesh):
         hull = piece.convex_hull
-        if piece.volume >= CONVEX * hull.volume:
+        if piece.is_watertight and piece.volume >= CONVEX * hull.volume:  # an open one has a volume only by chance
             parts.append(np.array(hull.vertices))
         else:
             hulls = coacd.run_coacd(coacd.Mesh(piece.vertices, piece.faces), threshold=THRESHOLD, seed=0)
@@ -66,7 +66,7 @@ def _pieces(mesh: Mesh) -> list[trimesh.Trimesh]:
     """
     positions, inverse = np.unique(mesh.vertices, axis=0, return_inverse=True)
     body = trimesh.Trimesh(positions, inverse.reshape(-1)[mesh.faces], process=False)
-    pieces = list(body.split(only_watertight=False))
+    pieces = list(body.split(only_watertight=False, repair=False))
     return pieces if all(piece.is_watertight and piece.volume > 0 for piece in pieces) else [body]
 
 

@@ -2,6 +2,7 @@
 
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -53,6 +54,21 @@ def test_closed_convex_pieces_are_parts_as_they_are() -> None:
     assert [trimesh.convex.convex_hull(part).volume for part in parts] == pytest.approx([piece.convex_hull.volume for piece in pieces])
     corners = {tuple(vertex) for vertex in mesh.vertices}
     assert all(tuple(vertex) in corners for part in parts for vertex in part)
+
+
+def test_open_piece_is_split_wherever_it_lies(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A box without one triangle of its lid, below the origin: seen from there it has more than its volume."""
+    box = trimesh.creation.box((0.1, 0.1, 0.1), transform=trimesh.transformations.translation_matrix((0, 0, -1)))
+    lid = int((box.face_normals @ (0, 0, 1)).argmax())
+    split: list[int] = []
+
+    def run_coacd(mesh: Any, **_: Any) -> list[Any]:
+        split.append(len(mesh.indices))
+        return []
+
+    monkeypatch.setattr("coacd.run_coacd", run_coacd)
+    convex_parts(Mesh.bare(np.array(box.vertices), np.delete(np.array(box.faces), lid, axis=0)))
+    assert split == [11]
 
 
 def test_missing_package_is_reported_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
