@@ -5,16 +5,17 @@ One row per dataset. `make bench-gels` makes grasps of eight objects of 12 to 18
 
 import argparse
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.held_grasps import with_depths
 from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table, quantiles
 from pipeline.dataset.grasps import grasping_hand, grasping_sensors, read_grasps
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.kernels.hand.grasp import Grasp, contact_from_depth
+from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.depth_maps import impression, normal_force, press_gel
@@ -76,10 +77,7 @@ def gel_touches(grasp: Grasp, hand: Hand, sensors: Sequence[Sensor], faces: Boxe
 
 def weight_error(test: HoldTest, grasp: Grasp, sensors: Sequence[Sensor], faces: BoxedFaces) -> float:
     """Lift the object of a grasp, and compare the force on it at rest with its weight; NaN if it creeps."""
-    contacts = []
-    for pose, sensor, touches in zip(grasp.sensor_pose, sensors, grasp.touched, strict=True):
-        contacts.append(contact_from_depth(ray_depth(faces, pose, sensor), pose, sensor) if touches else None)
-    if test.hold(replace(grasp, contacts=contacts), seconds=AT_REST[0]).speed > SLOW:
+    if test.hold(with_depths(grasp, sensors, faces), seconds=AT_REST[0]).speed > SLOW:
         return np.nan
     forces = []
     for _ in range(round(AT_REST[1] / test.sample_interval)):

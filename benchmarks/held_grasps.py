@@ -22,8 +22,9 @@ from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table
 from pipeline.dataset.grasps import grasping_hand, grasping_sensors, read_grasps
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.kernels.hand.grasp import contact_from_depth
-from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
+from pipeline.kernels.hand.grasp import Grasp, contact_from_depth
+from pipeline.kernels.touch.ray_depth import BoxedFaces, box_faces, ray_depth
+from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -51,13 +52,8 @@ def measure_object(data: Path, tests: Sequence[str], engines: Sequence[Engine], 
     attributes = {"grasps": grasps.first.attributes}
     hand, sensors = grasping_hand(attributes), grasping_sensors(attributes)
     surface = surfaces.view(object_id)
-    faces, stored = box_faces(read_mesh(surface).triangles), []
-    for grasp in read_grasps(grasps.view(object_id))[:each]:
-        sites = zip(grasp.sensor_pose, sensors, grasp.touched, strict=True)
-        contacts = [
-            contact_from_depth(ray_depth(faces, pose, sensor), pose, sensor) if touches else None for pose, sensor, touches in sites
-        ]
-        stored.append(replace(grasp, contacts=contacts))  # with the depths of the contacts, which are not stored
+    faces = box_faces(read_mesh(surface).triangles)
+    stored = [with_depths(grasp, sensors, faces) for grasp in read_grasps(grasps.view(object_id))[:each]]
     results: HoldResults = {}
     for name in tests:
         for engine in engines:
@@ -67,6 +63,13 @@ def measure_object(data: Path, tests: Sequence[str], engines: Sequence[Engine], 
                 held = np.array([GRASP_TESTS[name].holds(test, grasp) for grasp in stored])
                 results[name, engine] = held, (time.process_time() - begin) / len(held)
     return results
+
+
+def with_depths(grasp: Grasp, sensors: Sequence[Sensor], faces: BoxedFaces) -> Grasp:
+    """Add the depths of a stored grasp's contacts, which are not stored."""
+    sites = zip(grasp.sensor_pose, sensors, grasp.touched, strict=True)
+    contacts = [contact_from_depth(ray_depth(faces, pose, sensor), pose, sensor) if touches else None for pose, sensor, touches in sites]
+    return replace(grasp, contacts=contacts)
 
 
 def table(results: HoldResults, engines: Sequence[Engine]) -> Table:

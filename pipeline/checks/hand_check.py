@@ -62,7 +62,7 @@ REMEDIES = {
     "fingers still move": "lower torque in the hand file",
     "a joint is pushed": "lower torque in the hand file",
     OVERLOADED: "raise torque in the hand file, or name a sensor with a softer or thicker gel",
-    "links of the hand": "write what is against the overlaps into the hand file",
+    "links of the hand": "write the entries that end the overlaps into the hand file",
     "a rigid link": "lay the sensors' origins on the surface of their links, and normals outwards, in the hand file",
 }
 """What to do if no attempt succeeds, by how the most frequent reason begins."""
@@ -97,7 +97,7 @@ def check_hand(path: Path, picture: Path) -> list[str]:
         *(f"warning: {text}" for is_fault, text in misplaced if not is_fault),
         *(f"warning: {text}" for text in palm_notes(hand, sensors, GraspSettings().least_distance, GraspSettings().greatest_distance)),
         *(_overlap_line(hand, overlap) for overlap in overlaps),
-        *([f"against these overlaps: write {remedy(hand, overlaps)} into the hand file"] if overlaps else []),
+        *([f"to end these overlaps: write {remedy(hand, overlaps)} into the hand file"] if overlaps else []),
         *surface_notes(hand),
         *model.notes,
         *([] if unusable else _convex_notes(hand, model.links)),

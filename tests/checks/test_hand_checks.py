@@ -176,7 +176,7 @@ def test_nearest_surface_point_of_each_sensor_and_units_of_motors_are_printed(tm
 
 
 def test_flat_collision_meshes_are_a_fault_and_links_without_visuals_are_named(tmp_path: Path) -> None:
-    trimesh.Trimesh([[0, 0, 0], [0.02, 0, 0], [0, 0.02, 0]], [[0, 1, 2]]).export(tmp_path / "sheet.stl")
+    trimesh.Trimesh(np.diag([0.02, 0.02, 0.0]), [[0, 1, 2]]).export(tmp_path / "sheet.stl")
     mesh = '<collision><geometry><mesh filename="sheet.stl"/></geometry></collision></link>'
     text = re.sub(r"(<link name=.left_finger.>)(.*?)(<collision>)", drop_visuals, URDF.read_text(), flags=re.S)
     lines = lines_of(tmp_path, text.replace("</link>", mesh, 1))

@@ -49,9 +49,9 @@ def export_lerobot(data: Location, folder: Path, of: str | None = None) -> str:
             task = tasks.index(frames.instruction(episode[0]["category"]))
             splits[split] += 1
             rows = []
-            for number_in, frame in enumerate(episode):
-                numbers = {"frame_index": number_in, "episode_index": len(episodes), "index": index + number_in, "task_index": task}
-                rows.append({_name(name): value for name, value in frame.items()} | {"timestamp": number_in / frames.fps} | numbers)
+            for frame_number, frame in enumerate(episode):
+                numbers = {"frame_index": frame_number, "episode_index": len(episodes), "index": index + frame_number, "task_index": task}
+                rows.append({_name(name): value for name, value in frame.items()} | {"timestamp": frame_number / frames.fps} | numbers)
                 statistics.update(rows[-1])
             if size >= FILE_BYTES:
                 opened.close()  # the file before

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.kernels.arrays import Array, Array32, Floats, Mask
-from pipeline.kernels.geometry.transforms import transform_points, unit_vectors
+from pipeline.kernels.geometry.transforms import frame_and_scale, transform_points, unit_vectors
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
 SPACING = 0.002  # m between points where objects are 0.5 m large: as dense as the vertices of the paper's touch charts
@@ -33,8 +33,8 @@ class Touch:
 
     def moved(self, motion: Array) -> "Touch":
         """Move what is felt by a similarity (4, 4), m; the gel's width is scaled, too."""
-        scale = float(np.cbrt(np.linalg.det(motion[:3, :3])))
-        turn = motion[:3, :3] / scale
+        frame, scale = frame_and_scale(motion)
+        turn = frame[:3, :3]
         points = {
             name: transform_points(motion, values.astype(np.float64)).astype(np.float32)
             for name in ("points", "free", "chart")

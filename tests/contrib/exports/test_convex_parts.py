@@ -58,7 +58,8 @@ def test_closed_convex_pieces_are_parts_as_they_are() -> None:
 
 def test_open_piece_is_split_wherever_it_lies(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A box without one triangle of its lid, below the origin: seen from there it has more than its volume."""
-    box = trimesh.creation.box((0.1, 0.1, 0.1), transform=trimesh.transformations.translation_matrix((0, 0, -1)))
+    box = trimesh.creation.box((0.1, 0.1, 0.1))
+    box.apply_translation((0, 0, -1))
     lid = int((box.face_normals @ (0, 0, 1)).argmax())
     split: list[int] = []
 
