@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.config.manifest import TOTAL
 from pipeline.console import Columns, Row, Table, tabulate
-from pipeline.dataset.grasps import grasp_count, grasp_counts
+from pipeline.dataset.grasps import grasp_counts
 from pipeline.dataset.object_rows import ObjectRows, has_paper_sizes, sensors_of
 from pipeline.kernels.touch.depth_maps import beyond_ranges
 from pipeline.store.directory import DataDirectory
@@ -81,7 +81,8 @@ def read_touches(data: Location) -> Touches:
     shard = grasps.first
     hold = tuple(name for name in HOLD_ARRAYS if shard.has(name))
     rows = ObjectRows(data, ["touch_success", "attempt_success", *CONTACT_ARRAYS, *hold], split=None)
-    objects, gels, counts = [], _read_gels(data), grasp_counts(grasps, rows.object_ids)
+    objects, counts = [], grasp_counts(grasps, rows.object_ids)
+    gels = _read_gels(data, counts)
     for object_id, category in zip(rows.object_ids, rows.categories, strict=True):
         kept = {name: rows.read(name, object_id)[: counts[object_id]] for name in ("touch_success", *CONTACT_ARRAYS, *hold)}
         area, angle, margin = (kept[name] for name in CONTACT_ARRAYS)
@@ -97,14 +98,16 @@ def read_touches(data: Location) -> Touches:
     return Touches(sorted(objects, key=lambda item: item.category), sensors, has_paper_sizes(data))
 
 
-def _read_gels(data: Location) -> dict[str, NDArray[np.float64]]:
+def _read_gels(
+    data: Location,
+    counts: Mapping[str, int],  # of the objects' grasps
+) -> dict[str, NDArray[np.float64]]:
     """Read `gels` of the objects whose touches have been simulated, by name; none without elastic gels."""
-    (grasps, collection), gels = map(DataDirectory(data).collection, (GRASPS, TOUCH)), {}
+    collection, gels = DataDirectory(data).collection(TOUCH), {}
     if collection.shards and collection.first.has("indentation"):
         sensors = sensors_of(collection.first)
-        for name in (name for name in collection if not collection.failure(name)):
-            count = grasp_count(grasps.view(name))
-            indentation, force = (collection.view(name)[array][:count] for array in ("indentation", "force"))
+        for name in (name for name in collection if name in counts and not collection.failure(name)):
+            indentation, force = (collection.view(name)[array][: counts[name]] for array in ("indentation", "force"))
             columns = np.stack([force, 1e3 * indentation, *beyond_ranges(indentation, sensors)], axis=-1)
             gels[name] = columns[indentation > 0].astype(np.float64)
     return gels
