@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config.manifest import TOTAL
-from pipeline.console import pluralise
-from pipeline.dataset.grasps import grasping_sensors
+from pipeline.console import abbreviate, pluralise
+from pipeline.dataset.grasps import grasp_counts, grasping_sensors
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows, is_surface
 from pipeline.engine.stage import DatasetJob
@@ -62,6 +62,12 @@ class GraspProtocol(Protocol):
             job.console.print(
                 f"evaluate.grasps: {', '.join(missing)} skipped: the dataset holds {pluralise(self.grasps, 'grasp')} of each object "
                 "(simulate-grasps.grasps)"
+            )
+        counts = grasp_counts(self.objects.collections["grasps"], self.objects.object_ids)
+        if fewer := [name for name, count in counts.items() if count < self.grasps]:
+            job.console.print(
+                f"warning: grasps of {pluralise(len(fewer))} that read-grasps repeated ({abbreviate(fewer)}) count again in all figures; "
+                f"read-grasps.grasps={min(counts.values())} repeats none"
             )
         for item in methods:
             item.prepare(self, self.grasps)

@@ -117,6 +117,13 @@ def test_undeformed_sphere_has_the_chamfer_distance_of_two_spheres(evaluation):
     assert (values.per_case("chamfer") == values.per_case("chamfer")[:, :1]).all()
 
 
+def test_repeated_grasps_that_are_measured_again_are_named(data, monkeypatch, capsys):
+    monkeypatch.setattr("stages.evaluate.protocols.grasp_counts", lambda grasps, names: dict.fromkeys(names, 5) | {names[1]: 2})
+    name = protocol_of(data, "none").objects.object_ids[1]
+    printed = " ".join(capsys.readouterr().out.split())
+    assert f"warning: grasps of 1 object that read-grasps repeated ({name}) count again in all figures; read-grasps.grasps=2" in printed
+
+
 @pytest.mark.parametrize(("apart", "expected"), [(0.002, (1, 1)), (0.004, (1, 0)), (0.02, (0, 0))])
 def test_f_scores_count_points_within_their_distance(data, apart, expected):
     """Shells of a ball of radius 0.1 m, of diagonal 0.346 m: 1 % of it is 3.5 mm."""
