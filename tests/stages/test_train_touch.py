@@ -17,8 +17,9 @@ from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model, shipped_touch_model
 from pipeline.real_touch import random_presses, save_sensor_network
 from pipeline.store.directory import DataDirectory
+from pipeline.training.press_variation import vary_change
 from pipeline.training.presses import Presses
-from stages.train_touch import PressLearner, TouchTrainingSettings, train_local_network, vary_change
+from stages.train_touch import PressLearner, TouchTrainingSettings, train_local_network
 from tests.stages import ball_dataset as spheres
 
 SENSOR = resample(load_sensor("gelsight"), 36, 48).model_copy(update={"membrane": 0.0, "gel": Gel(modulus=1e5)})
