@@ -168,6 +168,15 @@ class LocalTouchModel(TouchModel):
     stage = "train-touch"
     may_differ = MAY_DIFFER
 
+    def check_sensor(self, sensor: Sensor) -> None:
+        """Raise an `InvalidInput` if the network has learned from another sensor, or from dots that `simulate-touch` does not draw."""
+        super().check_sensor(sensor)
+        if self.network.motion is not None and self.sensor.markers is not None:
+            raise InvalidInput(
+                f"the network knows sensor {self.sensor.name} with printed dots, which tactile images of simulate-touch do not show: "
+                "train it with train-touch.source=presses"
+            )
+
     def read(
         self,
         images: np.ndarray,  # (N, H, W, 3) uint8, of the sensor's aspect ratio

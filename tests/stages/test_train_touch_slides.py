@@ -16,6 +16,7 @@ from pipeline.kernels.touch.depth_maps import press_gel
 from pipeline.kernels.touch.markers import MarkerGrid
 from pipeline.kernels.touch.sensor import Gel, pixel_centres
 from pipeline.kernels.touch.sliding import measure_steps, resting_image, slide_gel
+from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 from pipeline.training.presses import Motion, Presses, SimulatedPress, stored_slides
 from stages.train_touch import PressLearner, TouchTrainingSettings, train_local_network
@@ -67,6 +68,14 @@ def test_a_network_of_presses_reads_no_motion() -> None:
     model = LocalTouchModel(LocalNetwork(4), SENSOR, resting_image(SENSOR))
     with pytest.raises(InvalidInput, match=r"train-touch\.source=slides"):
         model.read_motion(resting_image(SENSOR)[None])
+
+
+def test_network_that_knows_dots_refuses_tactile_images_without_them() -> None:
+    dotted, bare = SENSOR, SENSOR.model_copy(update={"markers": None})
+    LocalTouchModel(LocalNetwork(4, reads_motion=True), bare, resting_image(bare)).check_sensor(bare)
+    LocalTouchModel(LocalNetwork(4), dotted, untouched_image(dotted)).check_sensor(dotted)  # presses show no dots
+    with pytest.raises(InvalidInput, match=r"printed dots.*train-touch\.source=presses"):
+        LocalTouchModel(LocalNetwork(4, reads_motion=True), dotted, resting_image(dotted)).check_sensor(dotted)
 
 
 def test_stage_reads_each_step_with_the_one_before_and_saves_a_model_that_reads_motion(tmp_path: Path) -> None:
