@@ -100,3 +100,17 @@ def test_stage_reads_each_step_with_the_one_before_and_saves_a_model_that_reads_
     read = load_touch_model(folder, "cpu").read_motion(image)
     assert read.shear.shape == (8, 30, 40, 2)
     assert read.force.shape == (8, 3)
+
+
+def test_steps_that_did_not_settle_are_not_learned_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pipeline.kernels.touch.friction.MAX_STEPS", 0)
+    objects = manifest(train=1)
+    run_stage(tmp_path, "sample-surfaces", objects)
+    run_stage(tmp_path, "simulate-slides", objects, *(f"simulate-slides.{text}" for text in ("slides=1", "steps=8", "rate=4", "pixels=40")))
+    rows, stored = ObjectRows(tmp_path, ["slide_settled", "slide_force"], "train"), stored_slides(tmp_path, "train")
+    (name,) = rows.object_ids
+    numbers = np.flatnonzero(rows.read("slide_settled", name, 0))
+    assert 0 < len(numbers) < 8
+    assert stored.names == [f"{name} slide 0 step {number}" for number in numbers]
+    forces = [stored.read(item).motion.force for item in range(len(stored))]
+    np.testing.assert_array_equal(forces, rows.read("slide_force", name, 0)[numbers])
