@@ -70,6 +70,14 @@ def test_a_network_of_presses_reads_no_motion() -> None:
         model.read_motion(resting_image(SENSOR)[None])
 
 
+def test_motion_is_read_in_sequences_of_images_alone() -> None:
+    model, image = LocalTouchModel(LocalNetwork(4, reads_motion=True), SENSOR, resting_image(SENSOR)), resting_image(SENSOR)
+    with pytest.raises(InvalidInput, match=r"uint8 \(36, 48, 3\); the local network reads"):
+        model.read_motion(image)
+    with pytest.raises(InvalidInput, match="the untouched photograph is"):
+        model.read_motion(image[None], image[1:])
+
+
 def test_network_that_knows_dots_refuses_tactile_images_without_them() -> None:
     dotted, bare = SENSOR, SENSOR.model_copy(update={"markers": None})
     LocalTouchModel(LocalNetwork(4, reads_motion=True), bare, resting_image(bare)).check_sensor(bare)
