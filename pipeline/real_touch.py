@@ -2,7 +2,7 @@
 
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -236,9 +236,9 @@ def random_presses(
     gel: tuple[float, float] = GEL,  # least and greatest factor of gel thickness or membrane width, drawn per press
 ) -> Presses:
     """Press random shapes into a sensor; they stay in memory."""
-    deepest = min(DEEPER * sensor.calibrated.deepest, sensor.w / DEEPER) if sensor.calibrated else 0.0
-    ranges, presses = PressRanges(), []
-    ranges = replace(ranges, depth=(ranges.depth[0], max(ranges.depth[1], deepest)))
+    least, most = PressRanges().depth
+    deepest = min(DEEPER * sensor.calibrated.deepest, sensor.w / DEEPER) if sensor.calibrated else most
+    ranges, presses = PressRanges(depth=(least, max(most, deepest))), []
     for number in range(count):
         rng = numpy_rng(seed, "random-presses", number)
         press = random_press(sensor, rng, ranges)

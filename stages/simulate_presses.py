@@ -169,6 +169,6 @@ class SimulatePresses(PressingStage):
 def pressed_sensor(settings: GelSettings) -> Sensor:
     """Load the sensor, with as many pixels as the settings say, and check that its gel is thicker than the deepest press."""
     sensor = load_sensor(settings.sensor)
-    if settings.depth[1] >= sensor.w:
-        raise InvalidInput(f"depth goes to {settings.depth[1]} m, the gel of {sensor.name} is {sensor.w} m thick; press less deep")
+    if settings.depth[1] >= (thickness := min(sensor.w, sensor.layer_thickness)):
+        raise InvalidInput(f"depth goes to {settings.depth[1]} m, the gel of {sensor.name} is {thickness} m thick; press less deep")
     return sensor if settings.pixels is None else resample_longer_side(sensor, settings.pixels)

@@ -76,7 +76,7 @@ class TouchSettings(ObjectSettings):
     lift_rate: float = setting(32.0, "steps per second: the lift takes the second of the hold test", gt=0, le=1000, changes="definition")
     lift_mass: float | None = setting(None, "kg of any object; null: simulate-grasps.hold_mass", gt=0, le=1000, changes="definition")
     lift_friction: Friction | None = setting(
-        None, "coefficient of gel and object; null: the sensor's, or the hand's where a sensor's file has none", changes="definition"
+        None, "coefficient of gel and object; null: the sensors', or the hand's, for all, if a sensor's file has none", changes="definition"
     )
     lift_store: tuple[Quantity, ...] | None = setting(
         ("tactile_image", "shear", "slip_share", "gross_slip", "force", "torque"),

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.config.settings import setting
 from pipeline.dataset.object_rows import sensor_of
@@ -16,8 +17,9 @@ from pipeline.kernels.touch.sensor import MM
 from pipeline.rng import seeded_weights
 from pipeline.store.directory import DataDirectory
 from pipeline.training.learner import Learner
-from pipeline.training.presses import Motion, Presses, SimulatedPress, stored_presses, stored_slides
-from pipeline.training.settings import Schedule, TrainingSettings
+from pipeline.training.press_variation import VariedPresses, vary_change
+from pipeline.training.presses import Motion, Presses, stored_presses, stored_slides
+from pipeline.training.settings import Schedule
 from pipeline.training.training_stage import Training
 from schemas.base import Artifact
 from schemas.presses import PRESSES
@@ -33,10 +35,9 @@ if TYPE_CHECKING:
 
 NAME = "train-touch"
 AT_CONTACT = 0.85  # share of the windows that lie about a contact; the others lie anywhere
-DRIFT_SIDE = 3  # points per side between which drift is interpolated: it is smooth
 
 
-class TouchTrainingSettings(TrainingSettings):
+class TouchTrainingSettings(VariedPresses):
     """How the local network that reads photographs is trained on simulated presses."""
 
     pretrained: Literal["shipped"] | None = setting(
@@ -58,27 +59,6 @@ class TouchTrainingSettings(TrainingSettings):
     )
     width: int = setting(20, "features of the hidden layers: 5,000 parameters", ge=1, le=2**12)
     window: int = setting(64, "pixels per side of the part of a press that a step sees; it costs a sixth of whole images of 160", ge=16)
-    image_gain: float = setting(
-        0.07,
-        "exposure and lamps differ between days: each colour's change is scaled by a factor within 1 ± this, and 1.5 times this in common",
-        ge=0,
-        lt=1,
-    )
-    image_noise: float = setting(
-        1.0, "greatest standard deviation of pixel noise, levels; what photographs of 160 pixels have", ge=0, le=255
-    )
-    image_mix: float = setting(0.05, "share of each colour that shows in another at most: lamps and filters overlap", ge=0, lt=1)
-    image_depth: float = setting(
-        5.0, "standard deviation of light that grows with depth, levels per mm: less than contacts of one sensor differ", ge=0, le=255
-    )
-    image_blur: float = setting(0.8, "greatest standard deviation of blur, pixels: of lens, gel and camera", ge=0, le=10)
-    image_drift: float = setting(
-        6.0,
-        "greatest standard deviation by which a photograph's light differs smoothly from the untouched one's, levels; much more hides the "
-        "gel around a contact",
-        ge=0,
-        le=255,
-    )
 
 
 class Moved(NamedTuple):
@@ -113,44 +93,37 @@ class PressLearner(Learner):
         return _stacked([self._window(self.train, item, generator) for item, generator in zip(items, generators, strict=True)])
 
     def _window(self, presses: Presses, item: int, generator: torch.Generator | None) -> Windows:
-        """Read a window of a press, or without a generator the whole press, as it is."""
+        """Read a varied window of a press, and of a step of a slide whole images too; or without a generator all of it, as it is."""
         import torch
 
         from pipeline.kernels.networks.local_network import pixel_positions
 
         press, position = presses.read(item), pixel_positions(*presses.sensor.shape)[0]
-        change = torch.from_numpy(press.image.astype(np.float32) - presses.untouched).permute(2, 0, 1)
-        depth, contact = torch.from_numpy(MM * press.indentation), torch.from_numpy(press.contact.copy())
+        change, depth = _change(press.image, presses), torch.from_numpy(MM * press.indentation)
+        whole = Windows(change, position, depth, torch.from_numpy(press.contact.copy()))
         if press.motion is not None:
-            return self._slide_window(presses, press, press.motion, Windows(change, position, depth, contact), generator)
+            whole = whole._replace(moved=self._moved(press.motion, _change(press.motion.before, presses), whole, generator))
         if generator is None:
-            return Windows(change, position, depth, contact)
+            return whole
         rows, cols = self._draw_window(press.contact, generator)
-        depth = depth[rows, cols]
-        varied = vary_change(change[:, rows, cols], depth, self.settings, generator)
-        return Windows(varied, position[:, rows, cols], depth, contact[rows, cols])
+        change, position, depth, contact = (part[..., rows, cols] for part in whole[:4])
+        varied = vary_change(change, depth, self.settings, generator) if whole.moved is None else whole.moved.image[:, rows, cols]
+        return Windows(varied, position, depth, contact, whole.moved)
 
-    def _slide_window(
-        self, presses: Presses, press: SimulatedPress, motion: Motion, whole: Windows, generator: torch.Generator | None
-    ) -> Windows:
-        """Vary a step and the one before alike, but for noise; take a window for depth, and the whole for the motion."""
+    def _moved(self, motion: Motion, before: Tensor, whole: Windows, generator: torch.Generator | None) -> Moved:
+        """Vary a step and the one before alike, but for noise."""
         import torch
 
         from pipeline.kernels.networks.motion_network import in_cells
 
-        before = torch.from_numpy(motion.before.astype(np.float32) - presses.untouched).permute(2, 0, 1)
+        change, settings = whole.change, self.settings
+        if generator is not None:
+            again = generator.clone_state()
+            change, before = (vary_change(image, whole.depth, settings, same) for image, same in ((change, generator), (before, again)))
+            before = before + settings.image_noise * torch.randn(before.shape, generator=generator, dtype=torch.float32)
         shear = in_cells(torch.from_numpy(MM * motion.shear).permute(2, 0, 1))
         slips = in_cells(torch.from_numpy(motion.slip.any(axis=-1).astype(np.float32))[None])[0]
-        force = torch.from_numpy(motion.force.copy())
-        if generator is None:
-            return whole._replace(moved=Moved(whole.change, before, shear, slips, force))
-        again = generator.clone_state()
-        change = vary_change(whole.change, whole.depth, self.settings, generator)
-        before = vary_change(before, whole.depth, self.settings, again)
-        before = before + self.settings.image_noise * torch.randn(before.shape, generator=generator, dtype=torch.float32)
-        rows, cols = self._draw_window(press.contact, generator)
-        window = (change[:, rows, cols], whole.position[:, rows, cols], whole.depth[rows, cols], whole.contact[rows, cols])
-        return Windows(*window, moved=Moved(change, before, shear, slips, force))
+        return Moved(change, before, shear, slips, torch.from_numpy(motion.force.copy()))
 
     def _draw_window(self, contact: np.ndarray, generator: torch.Generator) -> tuple[slice, ...]:
         """Draw a window's rows and columns, given the contact (rows, cols)."""
@@ -201,6 +174,12 @@ class PressLearner(Learner):
         return shape, loss, motion
 
 
+def _change(image: NDArray[np.uint8], presses: Presses) -> Tensor:  # (3, rows, cols) levels
+    import torch
+
+    return torch.from_numpy(image.astype(np.float32) - presses.untouched).permute(2, 0, 1)
+
+
 def _stacked(windows: Sequence[Windows]) -> Windows:
     import torch
 
@@ -227,50 +206,6 @@ def train_local_network(
     return network.eval(), facts
 
 
-def vary_change(
-    change: Tensor,  # (3, H, W) float32 image minus untouched image, levels
-    depth: Tensor,  # (H, W) float32 mm, how deep the gel is drawn in
-    settings: TouchTrainingSettings,  # give the ranges; at 0 each variation is off
-    generator: torch.Generator,
-) -> Tensor:
-    """Vary the change of colours of one press.
-
-    Variations are gain, mixed colours, light that grows with the depth, blur, drift, noise and shift.
-    """
-    import torch
-    from torch.nn.functional import interpolate
-
-    def share(*shape: int) -> Tensor:
-        return torch.rand(shape, generator=generator, dtype=torch.float32)
-
-    gain = 1 + settings.image_gain * (2 * share(3) - 1) + 1.5 * settings.image_gain * (2 * share(1) - 1)
-    mixing = torch.eye(3, dtype=torch.float32) + settings.image_mix * (2 * share(3, 3) - 1)
-    varied = torch.einsum("ij,jhw->ihw", gain[:, None] * mixing, change)
-    lit = torch.randn((3, 1, 1), generator=generator, dtype=torch.float32)
-    varied = varied + settings.image_depth * lit * depth
-    varied = _blurred(varied, settings.image_blur * float(share(1)))
-    coarse = torch.randn((3, DRIFT_SIDE, DRIFT_SIDE), generator=generator, dtype=torch.float32)
-    common = torch.randn((1, DRIFT_SIDE, DRIFT_SIDE), generator=generator, dtype=torch.float32)
-    drift = interpolate((0.6 * coarse + common)[None], size=change.shape[1:], mode="bicubic", align_corners=True)[0]
-    noise = torch.randn(change.shape, generator=generator, dtype=torch.float32)
-    varied = varied + settings.image_drift * share(1) * drift + settings.image_noise * share(1) * noise
-    return varied + settings.image_shift * (2 * share(3, 1, 1) - 1)
-
-
-def _blurred(image: Tensor, sigma: float) -> Tensor:
-    """Blur an image (3, H, W) by a Gaussian of standard deviation `sigma`, pixels."""
-    if sigma < 0.1:
-        return image
-    import torch
-    from torch.nn.functional import conv2d, pad
-
-    reach = max(1, round(3 * sigma))
-    weights = torch.exp(-0.5 * (torch.arange(-reach, reach + 1, dtype=image.dtype) / sigma) ** 2)
-    weights = (weights / weights.sum()).view(1, 1, 1, -1)
-    padded = pad(image[:, None], (reach, reach, reach, reach), mode="replicate")
-    return conv2d(conv2d(padded, weights), weights.transpose(2, 3))[:, 0]
-
-
 class TrainTouch(Training):
     """Train a small network that reads the gel's depth from changes of colour."""
 
@@ -295,9 +230,10 @@ class TrainTouch(Training):
         return "models/touch"
 
     def cost(self, settings: TouchTrainingSettings, objects: int) -> Cost:
-        """Estimate 72 presses per object and epoch; a window's time grows with its pixels and with the width."""
-        pixels = (settings.window / 64) ** 2
-        return Cost(seconds=objects * 72 * settings.epochs * 0.003 * pixels * settings.width / 16, kilobytes=100)
+        """Estimate 72 presses, or 128 steps of slides, per object and epoch; a window's time grows with its pixels and with the width."""
+        items, whole = (128, 0.005) if settings.source == "slides" else (72, 0.0)  # s per step, for its whole images of 160 pixels
+        window = 0.003 * (settings.window / 64) ** 2 * settings.width / 16
+        return Cost(seconds=objects * items * settings.epochs * (window + whole), kilobytes=100)
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Train, and save the last epoch's weights with the sensor and its untouched image; or save those of the pretrained network."""

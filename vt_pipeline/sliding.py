@@ -31,7 +31,7 @@ class SlidingTouch(SlideStep, Touch):
     Attributes
     ----------
     gel, state
-        What it is pressed to, and its `FrictionState`, from which the next step starts.
+        The pressed gel (indentation, pressure, contact), and its `FrictionState`, from which the next step starts.
     """
 
 

@@ -49,7 +49,7 @@ def size_remarks(
     sizes = learned_sizes(trained)
     if not all(is_like(diagonal, sizes) for diagonal in diagonals):
         subject = "the object's diagonal is" if len(diagonals) == 1 else "the objects' diagonals are"
-        text = f"{subject} {_range(diagonals)} m, the network has learned from objects of {_range(sizes)} m"
+        text = f"{subject} {range_text(diagonals)} m, the network has learned from objects of {range_text(sizes)} m"
         yield f"warning: {text}: hand and touches have another size beside this one"
     gels = trained.gels
     if gels is None and learned is not None and trained.network.takes_charts:
@@ -59,12 +59,13 @@ def size_remarks(
     if sensors and gels and not all(is_like(share, gels) for share in shares):
         names = ", ".join(dict.fromkeys(sensor.name for sensor in sensors))
         yield (
-            f"warning: gels of {names} are {_range(100 * np.array(shares), '.2g')} % of the object's diagonal wide, "
-            f"the network has learned from {_range(100 * np.array(gels), '.2g')} %: touches help less than measured"
+            f"warning: gels of {names} are {range_text(100 * np.array(shares), '.2g')} % of the object's diagonal wide, "
+            f"the network has learned from {range_text(100 * np.array(gels), '.2g')} %: touches help less than measured"
         )
 
 
-def _range(values: Sequence[float] | NDArray[np.float64], form: str = ".3g") -> str:
+def range_text(values: Sequence[float] | NDArray[np.float64], form: str = ".3g") -> str:
+    """Describe values by the least and the greatest."""
     return " to ".join(dict.fromkeys(format(float(value), form) for value in (min(values), max(values))))
 
 

@@ -57,11 +57,13 @@ class ModelCard(Entries):
     not_for: str  # uses that it is not meant for
 
     def error_of(self, row: str, diagonal: float | None) -> Error | None:
-        """Find the error of a row on objects of a size, m, or of any; None if none of such a size were measured."""
+        """Find the error of a row on objects of a size, m, or on all; None if none of such a size were measured."""
         errors = self.errors.get(row, {})
-        of_classes = [errors["all"]] if "all" in errors else []
-        of_classes += [error for name, error in errors.items() if name.endswith(" m")]
-        return next((error for error in reversed(of_classes) if diagonal is None or is_like(diagonal, error.diagonals)), None)
+        if diagonal is None:
+            return errors.get("all")
+        of_sizes = [error for name, error in errors.items() if name.endswith(" m")]
+        like = (error for error in [*of_sizes, *filter(None, [errors.get("all")])] if is_like(diagonal, error.diagonals))
+        return next(like, None)
 
 
 def is_like(diagonal: float, sizes: tuple[float, float]) -> bool:

@@ -168,6 +168,15 @@ class LocalTouchModel(TouchModel):
     stage = "train-touch"
     may_differ = MAY_DIFFER
 
+    def check_sensor(self, sensor: Sensor) -> None:
+        """Raise an `InvalidInput` if the network has learned from another sensor, or from dots that `simulate-touch` does not draw."""
+        super().check_sensor(sensor)
+        if self.network.motion is not None and self.sensor.markers is not None:
+            raise InvalidInput(
+                f"the network knows sensor {self.sensor.name} with printed dots, which tactile images of simulate-touch do not show: "
+                "train it with train-touch.source=presses"
+            )
+
     def read(
         self,
         images: np.ndarray,  # (N, H, W, 3) uint8, of the sensor's aspect ratio
@@ -175,11 +184,7 @@ class LocalTouchModel(TouchModel):
         pixel_aspect: float = 1.0,  # height over width of a pixel of the images
     ) -> PressedGel:  # with the images' pixels; indentation >= 0
         """Read the gel in photographs, whose light may have drifted since the untouched one."""
-        if images.ndim != 4 or images.shape[3] != COLOURS or images.dtype != np.uint8:
-            raise InvalidInput(f"tactile images are {images.dtype} {images.shape}; the local network reads uint8 (N, rows, cols, 3)")
-        if untouched is not None and (untouched.shape != images.shape[1:] or untouched.dtype != np.uint8):
-            raise InvalidInput(f"the untouched photograph is {untouched.dtype} {untouched.shape}, the others are {images.shape[1:]}")
-        self.check_sides(images.shape[1], images.shape[2], pixel_aspect)
+        self._check_images(images, untouched, pixel_aspect)
         parameter = next(self.network.parameters())
         position = pixel_positions(*self.sensor.shape).to(parameter)
         pitch = (MM * self.sensor.pitch[0], MM * self.sensor.pitch[1])
@@ -204,7 +209,7 @@ class LocalTouchModel(TouchModel):
         """Read shear, slip and force in a sequence of images, if the network has learned from slides."""
         if self.network.motion is None:
             raise InvalidInput(f"this network of sensor {self.sensor.name} reads no motion: train-touch.source=slides trains one that does")
-        self.check_sides(images.shape[1], images.shape[2])
+        self._check_images(images, untouched)
         parameter = next(self.network.parameters())
         position = pixel_positions(*self.sensor.shape).to(parameter)
         with torch.inference_mode():
@@ -222,6 +227,13 @@ class LocalTouchModel(TouchModel):
         reading = self.read(images)
         gel_at_rest = gel_surface(resample(self.sensor, *images.shape[1:3]))
         return np.maximum(gel_at_rest - reading.indentation, 0).astype(np.float32), reading.contact
+
+    def _check_images(self, images: np.ndarray, untouched: np.ndarray | None, pixel_aspect: float = 1.0) -> None:
+        if images.ndim != 4 or images.shape[3] != COLOURS or images.dtype != np.uint8:
+            raise InvalidInput(f"tactile images are {images.dtype} {images.shape}; the local network reads uint8 (N, rows, cols, 3)")
+        if untouched is not None and (untouched.shape != images.shape[1:] or untouched.dtype != np.uint8):
+            raise InvalidInput(f"the untouched photograph is {untouched.dtype} {untouched.shape}, the others are {images.shape[1:]}")
+        self.check_sides(images.shape[1], images.shape[2], pixel_aspect)
 
     def check_description(self, sensor: Sensor, network: str, what: str, remedy: str) -> None:
         """Raise an `InvalidInput` if photographs of the sensor, as it is described, are not like those of the training."""

@@ -10,6 +10,7 @@ from pipeline.errors import StoreError
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.networks.network_configurations import ImplicitConfig
 from pipeline.models.families import ROWS, model_record, row_of
+from pipeline.models.foreign_data import range_text
 from pipeline.models.shipped_weights import card_path, is_like, read_card
 from pipeline.reconstruct.observation_reader import ObservationReader
 from pipeline.store.directory import DataDirectory
@@ -31,7 +32,7 @@ def error_note(reader: ObservationReader, diagonal: float | None = None) -> str:
         like = card.error_of(name, diagonal)
         unlike = f"not measured on objects of {diagonal:.2g} m; " if like is None else ""
         error = like or error
-        sizes = " to ".join(dict.fromkeys(f"{size:.2g}" for size in error.diagonals))
+        sizes = range_text(error.diagonals, ".2g")
         mm = f"{_rms_distance(error.mean):.0f} mm (root mean square)" if error.mm is None else f"{error.mm:.1f} mm on average"
         return f"{name}: {unlike}{mm} from the surfaces of {error.objects} objects of {sizes} m that it has not seen"
     network = ROWS[name].network
@@ -64,8 +65,7 @@ def _by_evaluation(reader: ObservationReader, name: str, diagonal: float | None)
     alike |= not alike.any()
     ours, theirs = (1e3 * float(rows.per_object("mean_distance")[alike].mean()) for rows in (figures[name], baseline))
     nearer = "" if ours < theirs else "warning: worse than looking up: "
-    sizes = " to ".join(dict.fromkeys(f"{size:.2g}" for size in (diagonals[alike].min(), diagonals[alike].max())))
-    objects = f"{pluralise(int(alike.sum()), 'test object')} of {sizes} m"
+    objects = f"{pluralise(int(alike.sum()), 'test object')} of {range_text(diagonals[alike], '.2g')} m"
     return (
         f"{nearer}{name}: {unlike}{ours:.1f} mm from the surfaces of {objects} on average, with one grasp of each; "
         f"the {LABELS[baseline_name.removeprefix(BASELINE_PREFIX)]} in its place: {theirs:.1f} mm"

@@ -152,18 +152,19 @@ def slide_tables(data: Location) -> list[Table]:
     if not (slides := DataDirectory(data).collection(SLIDES)).shards:
         return []
     stored = [name for name in ("slide_settled", "slide_gross_slip") if slides.first.has(name)]
-    rows, steps = ObjectRows(data, stored, split=None), dict[str, list[dict[str, np.ndarray]]]()
+    rows, by_class = ObjectRows(data, stored, split=None), dict[str, list[NDArray[np.bool_]]]()
     for object_id, category in zip(rows.object_ids, rows.categories, strict=True):
-        steps.setdefault(category, []).append({name: rows.read(name, object_id) for name in stored})
-    groups = dict(sorted(steps.items())) | {TOTAL: [one for members in steps.values() for one in members]}
+        by_class.setdefault(category, []).append(np.stack([rows.read(name, object_id) for name in stored]))
+    groups = {name: np.stack(flags) for name, flags in sorted(by_class.items())}  # (object, array, slide, step)
+    groups[TOTAL] = np.concatenate(list(groups.values()))
     columns: Columns = {
         "objects": ("", len),
-        "slides": ("", lambda members: sum(len(one["slide_settled"]) for one in members)),
-        "steps": ("", lambda members: sum(one["slide_settled"].size for one in members)),
-        "steps not settled": ("", lambda members: sum(int((~one["slide_settled"]).sum()) for one in members)),
+        "slides": ("", lambda flags: flags[:, 0, :, 0].size),
+        "steps": ("", lambda flags: flags[:, 0].size),
+        "steps not settled": ("", lambda flags: int((~flags[:, 0]).sum())),
     }
     if "slide_gross_slip" in stored:
-        columns["% of steps in gross slip"] = (".1f", lambda members: 100 * float(np.mean([one["slide_gross_slip"] for one in members])))
+        columns["% of steps in gross slip"] = (".1f", lambda flags: 100 * float(flags[:, 1].mean()))
     return [tabulate("Slides", "class", groups, columns)]
 
 

@@ -14,7 +14,7 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.storage import Location
 
 ARRAYS = ("press_image", "press_indentation", "press_contact", "press_untouched")  # arrays that are read of each object
-SLIDE_ARRAYS = ("slide_tactile_image", "slide_depth", "slide_shear", "slide_slip", "slide_force", "slide_untouched")  # or these
+SLIDE_ARRAYS = tuple(f"slide_{name}" for name in ("tactile_image", "depth", "shear", "slip", "force", "untouched", "settled"))  # or these
 
 
 class Motion(NamedTuple):
@@ -67,18 +67,17 @@ def _read_press(rows: ObjectRows, item: int) -> SimulatedPress:
 
 
 def stored_slides(data: Location, split: str, *, cache_megabytes: float = CACHE_MEGABYTES) -> Presses:
-    """Open the steps of the slides of a split of a data directory."""
+    """Open the steps of the slides of a split of a data directory, but for those whose shear did not settle."""
     rows = ObjectRows(data, SLIDE_ARRAYS, split, cache_megabytes=cache_megabytes)
-    slides, steps = (range(rows.size("slide_tactile_image", dim)) for dim in ("slide", "step"))
-    names = [f"{object_id} slide {slide} step {step}" for object_id in rows.object_ids for slide in slides for step in steps]
+    steps = [(name, slide, step) for name in rows.object_ids for slide, step in np.argwhere(rows.read("slide_settled", name)).tolist()]
+    names = [f"{object_id} slide {slide} step {step}" for object_id, slide, step in steps]
     untouched, sensor = rows.read("slide_untouched", rows.object_ids[0]), sensor_of(rows.collections["slides"].first)
-    return Presses(sensor, untouched, names, partial(_read_slide, rows, sensor))
+    return Presses(sensor, untouched, names, partial(_read_slide, rows, sensor, steps))
 
 
-def _read_slide(rows: ObjectRows, sensor: Sensor, item: int) -> SimulatedPress:
-    rest, step = divmod(item, rows.size("slide_tactile_image", "step"))
-    number, slide = divmod(rest, rows.size("slide_tactile_image", "slide"))
-    image, depth, shear, slip, force = (rows.read(array, rows.object_ids[number], slide) for array in SLIDE_ARRAYS[:5])
+def _read_slide(rows: ObjectRows, sensor: Sensor, steps: Sequence[tuple[str, int, int]], item: int) -> SimulatedPress:
+    object_id, slide, step = steps[item]
+    image, depth, shear, slip, force = (rows.read(array, object_id, slide) for array in SLIDE_ARRAYS[:5])
     gel = press_gel(depth[step], sensor)
     motion = Motion(image[max(step - 1, 0)], shear[step], slip[step], force[step])
     return SimulatedPress(image[step], gel.indentation.astype(np.float32), gel.contact, motion)

@@ -88,6 +88,7 @@ def test_card_gives_the_error_of_the_size_class_of_an_object():
     assert with_sizes.error_of(row, 0.12) is sized
     assert with_sizes.error_of(row, 0.5) is card.errors[row]["all"]
     assert with_sizes.error_of(row, 0.03) is None
+    assert with_sizes.error_of(row, None) is card.errors[row]["all"]  # whatever sizes it was measured on
     assert card.error_of("another", None) is None
 
 

@@ -18,7 +18,7 @@ from pipeline.models.touch_model import LocalTouchModel, load_touch_model, shipp
 from pipeline.real_touch import random_presses, save_sensor_network
 from pipeline.store.directory import DataDirectory
 from pipeline.training.presses import Presses
-from stages.train_touch import PressLearner, TouchTrainingSettings, train_local_network, vary_change
+from stages.train_touch import PressLearner, TouchTrainingSettings, train_local_network
 from tests.stages import ball_dataset as spheres
 
 SENSOR = resample(load_sensor("gelsight"), 36, 48).model_copy(update={"membrane": 0.0, "gel": Gel(modulus=1e5)})
@@ -69,26 +69,6 @@ def test_windows_are_crops_of_presses(presses: Presses) -> None:
     np.testing.assert_array_equal(windows.depth[0], whole[row : row + 24, col : col + 24])
     change = presses.read(5).image.astype(float) - presses.untouched
     np.testing.assert_array_equal(windows.change[0].permute(1, 2, 0), change[row : row + 24, col : col + 24])
-
-
-def test_variation_is_off_at_zero_and_follows_from_the_generator() -> None:
-    change = 30 * torch.randn(3, 20, 20, generator=torch.Generator().manual_seed(0))
-    depth, off = torch.rand(20, 20, generator=torch.Generator().manual_seed(1)), TouchTrainingSettings.model_validate(OFF)
-    torch.testing.assert_close(vary_change(change, depth, off, generators(1)[0]), change)
-    on = TouchTrainingSettings()
-    first, second, other = (vary_change(change, depth, on, generators(1, seed)[0]) for seed in (1, 1, 2))
-    assert torch.equal(first, second)
-    assert not torch.equal(first, other)
-    for name in OFF:
-        alone = TouchTrainingSettings.model_validate(OFF | {name: getattr(on, name)})
-        assert not torch.allclose(vary_change(change, depth, alone, generators(1, 5)[0]), change, atol=1e-3), name
-
-
-def test_colour_shift_is_the_same_for_all_pixels() -> None:
-    change, settings = torch.zeros(3, 20, 20), TouchTrainingSettings.model_validate(OFF | {"image_shift": 9.0})
-    shift = vary_change(change, change[0], settings, generators(1)[0])
-    assert shift.flatten(1).unique(dim=1).shape == (3, 1)
-    assert 1 < shift.abs().max() <= 9
 
 
 @pytest.mark.parametrize("precision", ["64-true", "bf16-mixed"])

@@ -16,6 +16,7 @@ from pipeline.kernels.touch.depth_maps import press_gel
 from pipeline.kernels.touch.markers import MarkerGrid
 from pipeline.kernels.touch.sensor import Gel, pixel_centres
 from pipeline.kernels.touch.sliding import measure_steps, resting_image, slide_gel
+from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 from pipeline.training.presses import Motion, Presses, SimulatedPress, stored_slides
 from stages.train_touch import PressLearner, TouchTrainingSettings, train_local_network
@@ -69,6 +70,22 @@ def test_a_network_of_presses_reads_no_motion() -> None:
         model.read_motion(resting_image(SENSOR)[None])
 
 
+def test_motion_is_read_in_sequences_of_images_alone() -> None:
+    model, image = LocalTouchModel(LocalNetwork(4, reads_motion=True), SENSOR, resting_image(SENSOR)), resting_image(SENSOR)
+    with pytest.raises(InvalidInput, match=r"uint8 \(36, 48, 3\); the local network reads"):
+        model.read_motion(image)
+    with pytest.raises(InvalidInput, match="the untouched photograph is"):
+        model.read_motion(image[None], image[1:])
+
+
+def test_network_that_knows_dots_refuses_tactile_images_without_them() -> None:
+    dotted, bare = SENSOR, SENSOR.model_copy(update={"markers": None})
+    LocalTouchModel(LocalNetwork(4, reads_motion=True), bare, resting_image(bare)).check_sensor(bare)
+    LocalTouchModel(LocalNetwork(4), dotted, untouched_image(dotted)).check_sensor(dotted)  # presses show no dots
+    with pytest.raises(InvalidInput, match=r"printed dots.*train-touch\.source=presses"):
+        LocalTouchModel(LocalNetwork(4, reads_motion=True), dotted, resting_image(dotted)).check_sensor(dotted)
+
+
 def test_stage_reads_each_step_with_the_one_before_and_saves_a_model_that_reads_motion(tmp_path: Path) -> None:
     described = yaml.safe_load(description_path("sensor", "gelsight").read_text()) | {"name": "dotted", "markers": DOTS.model_dump()}
     (tmp_path / "dotted.yaml").write_text(yaml.safe_dump(described | {"markers": {"rows": 3, "cols": 4, "radius": 5e-4}}))
@@ -91,3 +108,17 @@ def test_stage_reads_each_step_with_the_one_before_and_saves_a_model_that_reads_
     read = load_touch_model(folder, "cpu").read_motion(image)
     assert read.shear.shape == (8, 30, 40, 2)
     assert read.force.shape == (8, 3)
+
+
+def test_steps_that_did_not_settle_are_not_learned_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pipeline.kernels.touch.friction.MAX_STEPS", 0)
+    objects = manifest(train=1)
+    run_stage(tmp_path, "sample-surfaces", objects)
+    run_stage(tmp_path, "simulate-slides", objects, *(f"simulate-slides.{text}" for text in ("slides=1", "steps=8", "rate=4", "pixels=40")))
+    rows, stored = ObjectRows(tmp_path, ["slide_settled", "slide_force"], "train"), stored_slides(tmp_path, "train")
+    (name,) = rows.object_ids
+    numbers = np.flatnonzero(rows.read("slide_settled", name, 0))
+    assert 0 < len(numbers) < 8
+    assert stored.names == [f"{name} slide 0 step {number}" for number in numbers]
+    forces = [stored.read(item).motion.force for item in range(len(stored))]
+    np.testing.assert_array_equal(forces, rows.read("slide_force", name, 0)[numbers])

@@ -99,9 +99,8 @@ def calibrate(
 ) -> CalibrationResult:
     """Fit a sensor to every second photograph and test it on the others; then fit it to all."""
     deepest = max(photographs, key=lambda photograph: photograph.contact.radius)
-    depth = ball_radius - math.sqrt(
-        max(ball_radius**2 - (deepest.contact.radius * sensor.pitch[1]) ** 2, 0)
-    )  # of a gel that is not drawn in
+    reach = deepest.contact.radius * sensor.pitch[1]
+    depth = ball_radius - math.sqrt(max(ball_radius**2 - reach**2, 0))  # of a gel that is not drawn in
     if depth > sensor.w:
         raise InvalidInput(
             f"in {deepest.name} the ball is pressed in {1e3 * depth:.3g} mm deep, the gel is {1e3 * sensor.w:.3g} mm thick; give its "

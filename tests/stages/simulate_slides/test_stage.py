@@ -11,6 +11,7 @@ from pipeline.errors import InvalidInput, StageError
 from pipeline.formats.description_file import description_path
 from pipeline.kernels.touch.sliding import QUANTITIES, measure_steps, slide_gel
 from pipeline.store.directory import DataDirectory
+from pipeline.tables.touch_tables import slide_tables
 from schemas.slides import SLIDES
 from stages.registry import resolve
 from stages.simulate_slides import SimulateSlides
@@ -80,6 +81,18 @@ def test_only_what_is_asked_for_is_stored(surfaces):
     for object_id in rows.object_ids:
         force, traction = (rows.read(name, object_id) for name in rows.arrays)
         np.testing.assert_allclose(traction.sum(axis=(2, 3)) * pitch, force[..., :2], atol=1e-4)
+
+
+def test_summary_counts_slides_and_steps_by_class(surfaces):
+    run_stage(surfaces, "simulate-slides", manifest(), *SMALL)
+    rows = rows_of(surfaces, "gross_slip")
+    (table,) = slide_tables(surfaces)
+    *classes, total = (row.cells for row in table.rows)
+    assert [row[0] for row in classes] == sorted(set(rows.categories))
+    count = len(rows.object_ids)
+    assert total[1:5] == [count, 3 * count, 3 * 8 * count, 0]
+    assert [sum(row[column] for row in classes) for column in range(1, 5)] == total[1:5]
+    assert total[5] == pytest.approx(100 * np.mean([rows.read("slide_gross_slip", name) for name in rows.object_ids]))
 
 
 def test_friction_of_the_sensor_is_taken_where_none_is_set(surfaces, tmp_path):
