@@ -166,7 +166,7 @@ def _unsuited_touch(touch: ObservedTouch, sensor: Sensor, target: Target) -> str
             depth = f"{1e3 * touch.depth.max():.3g} mm, but the gel of {sensor.name} is {1e3 * top:.3g} mm high"
             return f"depth is up to {depth}: give how deep the gel is pressed in, in m, not the distance from its base"
         if (least := touch.depth.min()) < -max(touch.depth.max(), CONTACT_MARGIN):  # beside a press a gel rises by less
-            return f"depth goes down to {1e3 * least:.3g} mm, and up to less: it is positive where the gel is pressed in; turn its sign"
+            return f"depth goes down to {1e3 * least:.3g} mm, further than up: it is positive where the gel is pressed in; turn its sign"
     return None if touch.cloud is None else _unsuited_points(touch.cloud, sensor)
 
 
