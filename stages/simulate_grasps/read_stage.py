@@ -104,8 +104,8 @@ class ReadGrasps(GraspStage):
         if refused:
             reason = next(iter(refused.values()))[0]
             yield f"warning: grasps of {pluralise(len(refused))} refused ({abbreviate([*refused])}; all in `refused_grasps`), {reason}"
-        touches = shard.read("touch_success").any(axis=-1)  # (object, grasp)
-        untouched = sum(int((~touches[shard.position[name], : len(lines)]).sum()) for name, lines in read.items())
+        touches = np.max(shard.read("touch_success"), axis=-1)  # (object, grasp)
+        untouched = sum(int(np.sum(~touches[shard.position[name], : len(lines)])) for name, lines in read.items())
         if untouched > sum(counts) / 2:
             yield (
                 f"warning: {untouched} of {pluralise(sum(counts), 'grasp')} touch with no sensor: are poses in the frame and unit of the "
