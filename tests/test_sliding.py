@@ -122,7 +122,7 @@ def test_markers_move_with_the_gel_and_are_drawn_where_they_are():
         ({"friction": np.nan}, "friction is nan"),
         ({"friction": np.inf}, "friction is inf"),
         ({"friction": None}, "the friction of sensor gelsight is not known: give friction, or add `gel: {friction: …}` to its file"),
-        ({"sensor": SENSOR.model_copy(update={"gel": None})}, "sensor gelsight has no elastic gel, which slides need"),
+        ({"sensor": SENSOR.model_copy(update={"gel": None})}, "sensor gelsight has no elastic gel, which slides and lifts need"),
         ({"poses": path()[STEPS:]}, r"poses\[0\] is in contact, 0\.[45]\d* mm deep, and the shear of the gel is unknown"),
         (
             {"poses": path(along=(0.05, 0))},

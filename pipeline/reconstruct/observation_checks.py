@@ -13,7 +13,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import with_entries
 from pipeline.kernels.geometry.transforms import invert_pose
 from pipeline.kernels.networks.network_configurations import ImageKind, NetworkInputs
-from pipeline.kernels.touch.depth_maps import gel_top
+from pipeline.kernels.touch.depth_maps import CONTACT_MARGIN, gel_top
 from pipeline.kernels.touch.photograph_faults import photograph_faults, untouched_faults
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.view_transfer import optical_centre
@@ -23,8 +23,10 @@ from pipeline.reconstruct.object_location import BY_DEPTH, FEW, ObjectBox, Targe
 from pipeline.reconstruct.observation_file import RobotObservation, View, read_observation
 from pipeline.reconstruct.observed_touch import ObservedTouch
 
-FARTHEST, NEAREST = 10.0, 0.01
-"""m: largest coordinate of a pose, and least distance of a camera from the object's centre."""
+FARTHEST, NEAREST, SMALLEST = 10.0, 0.01, 1e-3
+"""m: largest coordinate of a pose, least distance of a camera from the object's centre, and smallest object."""
+POINTS_BEYOND = 1.5
+"""Largest coordinates of touched points, by those of the gel: soft gels bulge, and sensor files are not exact."""
 OF_POINTS = "implicit networks, such as the pretrained one, take touches of any sensor as points; or train one with this sensor"
 UNMEASURED = (
     "camera.depth is 0 or not finite wherever camera.mask shows the object, and camera.hand_mask no robot: register it to the photograph, "
@@ -163,6 +165,23 @@ def _unsuited_touch(touch: ObservedTouch, sensor: Sensor, target: Target) -> str
         if touch.depth.max() > (top := gel_top(sensor)):
             depth = f"{1e3 * touch.depth.max():.3g} mm, but the gel of {sensor.name} is {1e3 * top:.3g} mm high"
             return f"depth is up to {depth}: give how deep the gel is pressed in, in m, not the distance from its base"
+        if (least := touch.depth.min()) < -max(touch.depth.max(), CONTACT_MARGIN):  # beside a press a gel rises by less
+            return f"depth goes down to {1e3 * least:.3g} mm, further than up: it is positive where the gel is pressed in; turn its sign"
+    return None if touch.cloud is None else _unsuited_points(touch.cloud, sensor)
+
+
+def _unsuited_points(cloud: NDArray[np.float64], sensor: Sensor) -> str | None:
+    """Say that points lie outside the gel, as in another frame or unit, or that their normals do not point out of it."""
+    outside = np.abs(cloud[:, :3]) > POINTS_BEYOND * np.array([sensor.width / 2, sensor.height / 2, gel_top(sensor)])
+    if outside.any():
+        gel = f"{1e3 * sensor.width:.3g} x {1e3 * sensor.height:.3g} mm wide and {1e3 * gel_top(sensor):.3g} mm high"
+        point = 1e3 * cloud[outside.any(axis=1)][0, :3]
+        return (
+            f"{outside.any(axis=1).sum()} of {pluralise(len(cloud), 'point')} outside the gel of {sensor.name}, {gel}, one at "
+            f"[{', '.join(f'{value:.4g}' for value in point)}] mm: give them in the sensor frame, from the middle of the gel's base, in m"
+        )
+    if not np.median(cloud[:, 5]) > 0:
+        return "normals of points do not point out of the gel (+z): turn them; those of the touched object point into it"
     return None
 
 
@@ -176,6 +195,11 @@ def _distant_positions(observation: RobotObservation) -> Iterator[Fault]:
             remedy = "write unit: mm if all lengths are in millimetres" if observation.unit == "m" else "check the unit"
             away, frame = ("", "") if name == "object.diagonal" else (" away", ", and take a frame near the object")
             yield Fault(f"{name} is {distance:g} {observation.unit}{away} (at most {FARTHEST:g} m): {remedy}{frame}")
+    diagonal = observation.object.diagonal
+    if diagonal is not None and diagonal * observation.metres_per_unit < SMALLEST:
+        yield Fault(
+            f"object.diagonal is {diagonal:g} {observation.unit} (at least {SMALLEST:g} m): check the unit, which is that of all lengths"
+        )
 
 
 def _not_located(observation: RobotObservation) -> Iterator[Fault]:

@@ -69,7 +69,13 @@ def is_speck(camera: Camera, points: np.ndarray) -> bool:
     return bool((spans < [SPECK * cols, SPECK * rows]).all())
 
 
+def surrounds_lens(camera: Camera, points: np.ndarray) -> bool:  # (N, 3) of an object, world, m
+    """Whether an object reaches as far from its middle as the least distance that is drawn for a camera."""
+    return camera.drawn is not None and camera.drawn.distance[0] < bounding_diagonal(points) / 2
+
+
 IMAGE_FAULTS = {
+    surrounds_lens: ("perhaps around the lens in", "raise drawn.distance"),
     leaves_image: ("not whole in", "move the camera"),
     is_speck: (f"smaller than {100 * SPECK:.0f} % of", "move the camera nearer"),
 }

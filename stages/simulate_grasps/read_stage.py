@@ -104,6 +104,13 @@ class ReadGrasps(GraspStage):
         if refused:
             reason = next(iter(refused.values()))[0]
             yield f"warning: grasps of {pluralise(len(refused))} refused ({abbreviate([*refused])}; all in `refused_grasps`), {reason}"
+        touches = np.max(shard.read("touch_success"), axis=-1)  # (object, grasp)
+        untouched = sum(int(np.sum(~touches[shard.position[name], : len(lines)])) for name, lines in read.items())
+        if untouched > sum(counts) / 2:
+            yield (
+                f"warning: {untouched} of {pluralise(sum(counts), 'grasp')} touch with no sensor: are poses in the frame and unit of the "
+                "object's file, and is read-grasps.root right for this hand?"
+            )
         if counts and max(counts) < settings.grasps:
             yield f"no object has more than {pluralise(max(counts), 'grasp')}: read-grasps.grasps={max(counts)} repeats fewer"
 

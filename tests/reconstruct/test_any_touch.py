@@ -156,6 +156,7 @@ def test_files_of_read_touch_give_the_touch_of_the_photograph(models, tmp_path):
 
 
 SENSOR = SENSORS["digit"]
+POINT = np.array([[1e-3, 0, 4e-3, 0, 0, 1]])
 REST = {"sensor": SENSOR, "pose": np.eye(4).tolist()}
 
 
@@ -181,6 +182,15 @@ def test_touches_that_contradict_themselves_are_errors(entry, words):
     ("entry", "network", "words"),
     [
         ({"depth": on_ball(SENSOR)}, "implicit-any", "depth is up to .* mm, but the gel of digit is 5 mm high: give how deep the gel"),
+        (
+            {"depth": -np.eye(*SENSOR.shape) / 1e3},
+            "implicit-any",
+            "a, b: depth goes down to -.*turn its sign",
+        ),
+        ({"points": 1e3 * POINT}, "implicit-any", r"1 of 1 point outside the gel of digit, .* one at \[1000, 0, 4000\] mm: .*in m"),
+        ({"points": POINT + [0.1, 0, 0, 0, 0, 0]}, "implicit-any", "outside the gel of digit.*give them in the sensor frame"),
+        ({"points": POINT * [1, 1, 1, 1, 1, -1]}, "implicit-any", "normals of points do not point out of the gel.*turn them"),
+        ({"points": POINT * [1, 1, 1, 0, 0, 0]}, "implicit-any", "normals of points do not point out of the gel"),
         ({"depth": np.zeros((50, 100))}, "implicit-any", "depth has 100 x 50 pixels, another shape than digit's 240 x 320"),
         ({"depth": np.zeros(SENSOR.shape)}, "touch", "takes touch charts of photographs by gel_16mm.*, and not depth or points: implicit"),
         (
@@ -204,7 +214,7 @@ def test_touches_that_a_network_cannot_be_given_are_faults(models, entry, networ
 
 def test_points_that_face_away_from_the_object_are_named(models):
     entry = given_as("points", "digit", SIDES[0])
-    entry["points"][:, 3:] *= -1
+    entry["pose"] = (np.array(entry["pose"]) @ np.diag([1, -1, -1, 1])).tolist()
     _, remarks = touches_of(observation(entry), models)
     assert any("face away from the object's centre: +z, and normals, must point out of the gel" in line for line in remarks)
 

@@ -7,8 +7,8 @@ import pytest
 
 from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.kinematics import opening
-from pipeline.kernels.vision.camera import Camera
-from stages.render_vision.stage import is_speck, leaves_image
+from pipeline.kernels.vision.camera import Camera, DrawnViews
+from stages.render_vision.stage import is_speck, leaves_image, surrounds_lens
 from stages.simulate_grasps.stage import GraspSettings, SimulateGrasps
 
 ABOVE = Camera(name="camera", position=(0, 0, 1), rotation=(0, 0, 0), focal=(100, 100), centre=(32, 32), resolution=64)
@@ -36,6 +36,13 @@ def test_object_leaves_the_image_if_one_of_its_points_does(point: tuple[float, f
 def test_object_of_few_pixels_is_reported_as_too_small(side: float, speck: bool) -> None:
     """At 1 m and a focal length of 100 pixels, 64 mm are a tenth of 64 pixels."""
     assert is_speck(ABOVE, side * np.array([(-0.5, 0, 0), (0.5, 0, 0)])) == speck
+
+
+@pytest.mark.parametrize(("nearest", "inside"), [(0.2, True), (0.3, False), (None, False)])
+def test_object_around_the_least_distance_of_a_drawn_camera_is_reported(nearest: float | None, inside: bool) -> None:
+    drawn = None if nearest is None else DrawnViews(distance=(nearest, 0.8), elevation=(0, 10))
+    camera = ABOVE.model_copy(update={"drawn": drawn})
+    assert surrounds_lens(camera, np.array([(-0.25, 0, 0), (0.25, 0, 0)])) == inside
 
 
 def test_size_warnings_name_the_objects() -> None:

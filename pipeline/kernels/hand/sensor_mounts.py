@@ -85,7 +85,7 @@ def surface_notes(hand: Hand) -> Iterator[str]:
             along = mount.pose[:3, int(abs(mount.pose[:3, 0] @ surface.normal) > 0.9)]
             columns = along - (along @ surface.normal) * surface.normal
             entries = f"origin: {_listed(surface.point)}, normal: {_listed(surface.normal)}, columns: {_listed(columns / length(columns))}"
-            away = f"{1e3 * surface.distance:.2g} mm from the origin of sensor {mount.name}"
+            away = f"{round(1e3 * surface.distance, 3):.2g} mm from the origin of sensor {mount.name}"
             yield f"surface of {hand.links[mount.link].name}, {away}: {{{entries}}}"
 
 

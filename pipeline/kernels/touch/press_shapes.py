@@ -113,7 +113,8 @@ def first_that_fits(draw: Callable[..., T], *arguments: object) -> T:
         except InvalidInput as error:  # at the rim or on a thin part: between the pixels, or where the gel is thin
             refused = error
     raise InvalidInput(
-        f"none of {ATTEMPTS} shapes or patches that were drawn can be pressed: {refused}; draw larger ones, and press less deep"
+        f"none of {ATTEMPTS} shapes or patches that were drawn can be pressed: {refused}; draw larger ones, press less deep, and see that "
+        "the object's unit is right"
     )
 
 

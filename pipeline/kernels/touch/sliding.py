@@ -115,7 +115,7 @@ def slide_gel(
 def known_friction(sensor: Sensor, given: float | None = None) -> float:
     """Return the coefficient of friction as given, or the sensor's; `InvalidInput` if it has no elastic gel, or neither is known."""
     if sensor.gel is None:
-        raise InvalidInput(f"sensor {sensor.name} has no elastic gel, which slides need; add `gel: {{modulus: …}}` to its file")
+        raise InvalidInput(f"sensor {sensor.name} has no elastic gel, which slides and lifts need; add `gel: {{modulus: …}}` to its file")
     if (friction := sensor.gel.friction if given is None else given) is None:
         raise InvalidInput(f"the friction of sensor {sensor.name} is not known: give friction, or add `gel: {{friction: …}}` to its file")
     return friction

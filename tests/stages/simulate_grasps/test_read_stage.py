@@ -185,6 +185,15 @@ def test_more_grasps_than_the_setting_are_counted(arrays, copy, tmp_path):
     assert "1 grasp of 1 object read, 0 refused, 2 further not read: read-grasps.grasps is 1" in made.notes
 
 
+def test_grasps_that_are_far_from_the_object_are_a_warning(arrays, copy, tmp_path):
+    (tmp_path / "in").mkdir()
+    poses = arrays["hand_pose"].copy()
+    poses[:, 0, 3] += 1 / arrays["metres_per_unit"]
+    np.savez(tmp_path / "in" / f"{NAME}.npz", **(arrays | {"hand_pose": poses}))
+    (note,) = (note for note in run_on(copy, tmp_path / "in").notes if note.startswith("warning"))
+    assert "2 of 2 grasps touch with no sensor: are poses in the frame and unit" in note
+
+
 def test_object_without_usable_grasps_fails_with_the_reason(arrays, copy, tmp_path):
     (tmp_path / "in").mkdir()
     np.savez(tmp_path / "in" / f"{NAME}.npz", **(arrays | {"metres_per_unit": arrays["metres_per_unit"] * 2}))

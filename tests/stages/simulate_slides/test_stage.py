@@ -131,7 +131,7 @@ def test_unusable_settings_are_named(assignment, message):
 @pytest.mark.parametrize(
     ("entries", "assignments", "words"),
     [
-        ({"gel": None}, [], "sensor slid has no elastic gel, which slides need"),
+        ({"gel": None}, [], "sensor slid has no elastic gel, which slides and lifts need"),
         ({}, ["friction=null"], "the friction of sensor slid is not known"),
         ({}, ["store=[marker_displacement]"], "store names marker_displacement, but slid has none"),
         ({}, ["depth=[0.001, 0.005]"], "0.005 m, the gel of slid is 0.004 m thick"),
