@@ -75,7 +75,7 @@ DRAFT = {
     "sample-surfaces": {"points": 3000},
     "simulate-grasps": {"attempts": 6, "ik_samples": 512},
     "simulate-presses": {"presses": 5, "pixels": 40},
-    "simulate-slides": {"slides": 2, "steps": 8, "rate": 4, "pixels": 40},
+    "simulate-slides": {"slides": 2, "steps": 16, "rate": 8, "pixels": 40},
     "sample-distances": {"queries": 1024},
     "train-unet": {"width": 4, "epochs": 1},
     "train-touch": {"width": 4, "epochs": 1},
