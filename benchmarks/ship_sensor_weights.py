@@ -33,7 +33,7 @@ FITTED_TO = {
     "gelsight_mini": "44 photographs in the repository rpl-cmu/gelslam, which states no licence for them",
     "digit": None,
 }
-"""The shipped sensors with networks, and what their sensor files were fitted to; None for nothing, a guess."""
+"""The shipped sensors with networks, and what their sensor files were fitted to; None where nothing was fitted."""
 HELD_OUT = {"gelsight": "the odd ones in taxim 1.4.1", "gelsight_mini": "23 in rpl-cmu/gelslam"}
 """Photographs on which errors are measured."""
 TRAINED_ON = "simulated presses of random shapes into the sensor file {}.yaml, and no photograph; its numbers were fitted to {}"

@@ -8,7 +8,6 @@ import numpy as np
 from pydantic import AfterValidator
 
 from pipeline.config.settings import setting
-from pipeline.console import pluralise
 from pipeline.engine.stage import Cost
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.depth_maps import quantise_depth
@@ -16,7 +15,16 @@ from pipeline.kernels.touch.elastic_contact import check_layer
 from pipeline.kernels.touch.press_shapes import PressRanges, Relief, first_that_fits
 from pipeline.kernels.touch.sensor import Friction, Sensor
 from pipeline.kernels.touch.slide_paths import CLEARANCE, PathRanges, draw_path, follow_path
-from pipeline.kernels.touch.sliding import CHOSEN, Quantity, known_friction, measure_steps, resting_image, slide_gel, stored_quantities
+from pipeline.kernels.touch.sliding import (
+    CHOSEN,
+    Quantity,
+    known_friction,
+    measure_steps,
+    resting_image,
+    slide_gel,
+    stored_quantities,
+    unsettled_remarks,
+)
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
 from schemas.presses import PRESSED
@@ -85,9 +93,7 @@ class SimulateSlides(PressingStage):
 
     def describe_shard(self, settings: SlideSettings, shard: Shard) -> Iterator[str]:
         """Count the steps that did not settle."""
-        settled = shard.read("slide_settled")[shard.read("ok")]
-        if not settled.all():
-            yield f"{(~settled).sum()} of {pluralise(settled.size, 'step')} did not settle (slide_settled): do not rely on their shear"
+        yield from unsettled_remarks(shard.read("slide_settled")[shard.read("ok")], "slide_settled")
 
     def cost(self, settings: SlideSettings) -> Cost:
         share = ((settings.pixels or 640) / 160) ** 2 * settings.slides * settings.steps

@@ -21,7 +21,7 @@ from pipeline.formats.sensor_file import load_worn_sensors, sensor_files
 from pipeline.kernels.touch.elastic_contact import check_layer
 from pipeline.kernels.touch.lift import freed_object, lift_object
 from pipeline.kernels.touch.sensor import Friction, Sensor
-from pipeline.kernels.touch.sliding import CHOSEN, Quantity, known_friction, measure_steps, stored_quantities
+from pipeline.kernels.touch.sliding import CHOSEN, Quantity, known_friction, measure_steps, stored_quantities, unsettled_remarks
 from pipeline.store.directory import DataDirectory
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
@@ -191,8 +191,7 @@ def _describe_lifts(shard: Shard) -> Iterator[str]:
         f"{rest.sum()} of {pluralise(rest.size, 'lift')} end at rest, gels and weight balanced to {100 * AT_REST:g} %; in "
         f"{(~held[..., -1]).sum()} the object slips out"
     )
-    if not settled.all():
-        yield f"{(~settled).sum()} of {pluralise(settled.size, 'step')} did not settle (lift_settled): do not rely on their shear"
+    yield from unsettled_remarks(settled, "lift_settled")
 
 
 def _touch(

@@ -70,7 +70,7 @@ def is_speck(camera: Camera, points: np.ndarray) -> bool:
 
 
 def surrounds_lens(camera: Camera, points: np.ndarray) -> bool:  # (N, 3) of an object, world, m
-    """Whether an object reaches as far from its middle as the least distance that is drawn for a camera."""
+    """Check whether an object reaches as far from its middle as the least distance that is drawn for a camera."""
     return camera.drawn is not None and camera.drawn.distance[0] < bounding_diagonal(points) / 2
 
 

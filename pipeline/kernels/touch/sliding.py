@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator
 
+from pipeline.console import pluralise
 from pipeline.errors import InvalidInput, unknown_name
 from pipeline.kernels.touch.depth_maps import normal_force, press_gel
 from pipeline.kernels.touch.elastic_contact import PressedGel
@@ -129,6 +130,12 @@ def measure_steps(
     """Compute quantities of every step as datasets store them (`schemas.sequences`); others cost nothing."""
     rows = [{name: QUANTITIES[name](step, rng) for name in quantities} for step in steps]
     return {name: np.stack([row[name] for row in rows]) for name in quantities}
+
+
+def unsettled_remarks(settled: NDArray[np.bool_], array: str) -> Iterator[str]:
+    """Count the steps that did not settle, of an array of this name."""
+    if not settled.all():
+        yield f"{(~settled).sum()} of {pluralise(settled.size, 'step')} did not settle ({array}): do not rely on their shear"
 
 
 def resting_image(sensor: Sensor) -> NDArray[np.uint8]:
