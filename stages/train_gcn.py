@@ -18,7 +18,6 @@ from pipeline.training.settings import ReconstructionSettings, Schedule
 from pipeline.training.training_stage import ReconstructionTraining
 
 if TYPE_CHECKING:
-    import torch
     from torch import Tensor
 
     from pipeline.kernels.metrics.chamfer import SearchCloud
@@ -98,7 +97,7 @@ class GcnLearner(ReconstructionLearner):
         faces = network.charts.position[network.charts.faces]  # of the closed surface that vertices that coincide make together
         self._edges = torch.from_numpy(mesh_edges(faces)[0])
 
-    def targets(self, items: Items, numbers: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool) -> list[SearchCloud]:
+    def targets(self, items: Items, numbers: Sequence[int], *_: Any, validates: bool) -> list[SearchCloud]:
         return [items.target(item) for item in numbers]
 
     def loss(self, network: Any, batch: Batch) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -21,8 +22,11 @@ if TYPE_CHECKING:
     import torch
     from torch import Tensor
 
+    from pipeline.kernels.touch.touched_points import Touch
+    from pipeline.models.observation import Observation
     from pipeline.training.items import Items
 
+NEAR_TOUCHES = 16  # of how many points of an object the nearest to its touches is taken as near
 MISPLACED = 0.5  # share of the items with image and touches that are displaced, if `placement_error` is not 0
 
 
@@ -63,6 +67,9 @@ class ImplicitSettings(ReconstructionSettings):
         500, "half an hour of one core for 168 objects; draft's 100 take a fifth of it, and docs/results.md has what they leave", ge=1
     )
     queries: int = setting(500, "points per item at which distances are learned", ge=1)
+    near_touches: float = setting(
+        0.0, "share of these points that are drawn among the sixteenth of an object's that is nearest to the touches given", ge=0, le=1
+    )
     validation_queries: int = setting(4000, "points per validation item", ge=1)
     samples_per_object: int = setting(
         1, "per object and epoch; the grasp that each begins with is drawn where they are fewer than the grasps", ge=1
@@ -105,17 +112,26 @@ class ImplicitLearner(ReconstructionLearner):
     seeded_as = "train-implicit"
 
     def targets(
-        self, items: Items, numbers: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool
+        self,
+        items: Items,
+        numbers: Sequence[int],
+        observations: Sequence[Observation],
+        generators: Sequence[torch.Generator],
+        *,
+        validates: bool,
     ) -> tuple[Tensor, Tensor]:
         """Draw points of each item, (B, N, 3) world, m, and their signed distances (B, N), m, scaled as its observation is."""
         import torch
 
         count = self.settings.validation_queries if validates else self.settings.queries
+        share = 0.0 if validates else self.settings.near_touches
         queries, distances = [], []
-        for item, generator in zip(numbers, generators, strict=True):
+        for item, observation, generator in zip(numbers, observations, generators, strict=True):
             object_id = items.object_of(item)
             points, point_distances = (items.rows.read(name, object_id) for name in ("query_points", "signed_distance"))
             rows = torch.randint(len(points), (count,), generator=generator).numpy()
+            if share and observation.touched.any():
+                rows[: round(share * count)] = nearest_rows(points, observation.touches)[rows[: round(share * count)] // NEAR_TOUCHES]
             queries.append(items.scaled(points[rows], object_id))
             distances.append(np.float32(items.scale(object_id)) * point_distances[rows])
         return torch.from_numpy(np.stack(queries)), torch.from_numpy(np.stack(distances))
@@ -151,6 +167,14 @@ class ImplicitLearner(ReconstructionLearner):
     def errors(self, network: Any, batch: Batch) -> Tensor:
         """Give each item the mean error of the batch, (B,), as all items have the same number of points."""
         return self.loss(network, batch).expand(len(batch.observations))
+
+
+def nearest_rows(points: np.ndarray, touches: Sequence[Touch]) -> np.ndarray:  # (N / `NEAR_TOUCHES` or one more,) int64
+    """Find the rows of points (N, 3) that are nearest to the middles of touches, in the same frame and unit."""
+    from scipy.spatial import cKDTree
+
+    middles = np.array([touch.points.mean(axis=0) for touch in touches if touch.touched])
+    return np.argsort(cKDTree(middles).query(points)[0], kind="stable")[: math.ceil(len(points) / NEAR_TOUCHES)]
 
 
 class TrainImplicit(ReconstructionTraining):

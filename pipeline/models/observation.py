@@ -1,7 +1,8 @@
 """Observations of objects: the images and touches that networks are given."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -11,8 +12,8 @@ from pipeline.dataset.object_rows import ObjectRows, is_surface
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.geometry.transforms import rotation_from_euler, scaling_about
-from pipeline.kernels.networks.implicit_network import TouchPoints, pad_touches
 from pipeline.kernels.networks.network_configurations import NetworkInputs
+from pipeline.kernels.networks.touch_points import TouchPoints, pad_touches
 from pipeline.kernels.tensors import network_input
 from pipeline.kernels.touch.depth_maps import gel_surface, pressed_pixels
 from pipeline.kernels.touch.sensor import Sensor, check_pose, sensor_to_world
@@ -82,6 +83,7 @@ def stored_observation(
     config: NetworkInputs,  # of a network that takes any inputs, those of this observation
     *,
     of_gels: bool = False,  # depth maps are read even if it has learned from charts: they are another sensor's
+    touches_of: Callable[[str, int], Sequence[Touch]] | None = None,  # of an object and grasp; None reads them as `grasp_touches` does
 ) -> Observation:
     """Read the observation of a stored object that a network is given."""
     image, camera, scale = None, None, scale_of(rows, object_id, config)
@@ -92,30 +94,33 @@ def stored_observation(
         else:
             view = 0 if config.image == "unoccluded" else 1 + grasps[0]
             camera = rows.read("projection", object_id, camera=0)[view]
-    touches: tuple[Touch, ...] = ()
-    if config.touch and (of_gels or not config.takes_charts):
-        depth, poses, touched = (np.stack([rows.read(name, object_id, grasp) for grasp in grasps]) for name in GEL_ARRAYS)
-        touches = tuple(depth_touches(depth, poses, touched, rows.sensors(), scale=scale, config=config))
-    elif config.touch:
-        vertices, stop_rule = (rows.read(name, object_id)[list(grasps)] for name in CHART_ARRAYS)  # (grasp, sensor, …)
-        touches = chart_touches(vertices.reshape(-1, *vertices.shape[2:]), is_surface(stop_rule).reshape(-1))
-    return Observation(image, touches, camera, scale)
+    read_touches = touches_of or partial(grasp_touches, rows, config=config, of_gels=of_gels)
+    touches = [touch for grasp in grasps for touch in read_touches(object_id, grasp)] if config.touch else []
+    return Observation(image, tuple(touches), camera, scale)
+
+
+def grasp_touches(rows: ObjectRows, object_id: str, grasp: int, *, config: NetworkInputs, of_gels: bool = False) -> tuple[Touch, ...]:
+    """Read what the sensors feel in a grasp; `of_gels` as of `stored_observation`."""
+    if config.takes_charts and not of_gels:
+        vertices, stop_rule = (rows.read(name, object_id)[grasp] for name in CHART_ARRAYS)
+        return chart_touches(vertices, is_surface(stop_rule))
+    depth, poses, touched = (rows.read(name, object_id, grasp) for name in GEL_ARRAYS)
+    return tuple(depth_touches(depth, poses, touched, rows.sensors(), scale=scale_of(rows, object_id, config), config=config))
 
 
 def depth_touches(
-    depth: np.ndarray,  # (grasp, sensor, rows, cols) m, as stored
-    poses: np.ndarray,  # (grasp, sensor, 4, 4) sensor frame to world, m
-    touched: np.ndarray,  # (grasp, sensor)
+    depth: np.ndarray,  # (sensor, rows, cols) m, as stored
+    poses: np.ndarray,  # (sensor, 4, 4) sensor frame to world, m
+    touched: np.ndarray,  # (sensor,)
     sensors: Sequence[Sensor],
     *,
     scale: float,  # of the object, to the size at which networks see all objects
     config: NetworkInputs,
 ) -> Iterator[Touch]:
     """Take points of the gels of depth maps."""
-    for at in np.ndindex(touched.shape):
-        sensor, front = sensors[at[1]], np.minimum(depth[at].astype(np.float64), gel_surface(sensors[at[1]]))
-        contact = pressed_pixels(depth[at], sensor) & touched[at]
-        yield learned_touch(gel_touch(front, contact, sensor, check_pose(poses[at]), scale), sensor, poses[at], config)
+    for sensor, heights, pose, touches in zip(sensors, depth, poses, touched, strict=True):
+        front, contact = np.minimum(heights.astype(np.float64), gel_surface(sensor)), pressed_pixels(heights, sensor) & touches
+        yield learned_touch(gel_touch(front, contact, sensor, check_pose(pose), scale), sensor, pose, config)
 
 
 def learned_touch(touch: Touch, sensor: Sensor, pose: np.ndarray, config: NetworkInputs) -> Touch:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from pipeline.kernels.networks.network_configurations import INPUT_CHOICES, Imag
 from pipeline.kernels.vision.view_transfer import background_color, carried_camera, transfer_view
 from pipeline.models.observation import (
     Observation,
+    grasp_touches,
     observed_arrays,
     scale_of,
     stored_cameras,
@@ -29,6 +31,7 @@ from pipeline.models.reconstruction import Trained
 from pipeline.store.storage import Location
 from pipeline.training.settings import ReconstructionSettings, TrainingSettings
 
+TOUCHES = 2**14  # grasps whose touches are kept in memory, some 20 kB each: to find points of a gel takes 9 ms
 TARGETS = 128  # objects whose points are kept in memory with their search tree, half a megabyte each
 
 
@@ -48,6 +51,7 @@ class Items:
         self.rows = ObjectRows(data, (*learned, *observed_arrays(config)), split, cache_megabytes=cache_megabytes)
         self.config, self.items_per_object = config, items_per_object
         self._targets: dict[str, SearchCloud] = {}
+        self._touches = lru_cache(TOUCHES)(partial(grasp_touches, self.rows, config=config))
 
     def __len__(self) -> int:
         return len(self.rows) * self.items_per_object
@@ -94,7 +98,8 @@ class Items:
         inputs: NetworkInputs | None = None,  # of a network that takes any
     ) -> Observation:
         """Read the network's input of `count` grasps: the item's own, then further ones."""
-        return stored_observation(self.rows, self.object_of(item), self.grasps_of(item, count, order), inputs or self.config)
+        grasps = self.grasps_of(item, count, order)
+        return stored_observation(self.rows, self.object_of(item), grasps, inputs or self.config, touches_of=self._touches)
 
     def grasps_of(self, item: int, count: int, order: np.ndarray) -> list[int]:
         """Choose the grasps, or the viewpoint, of an item; parameters as `view`."""

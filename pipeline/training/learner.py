@@ -86,6 +86,7 @@ class ReconstructionLearner(Learner):
         self,
         items: Items,
         numbers: Sequence[int],  # (B,) items
+        observations: Sequence[Observation],  # (B,) what the network sees of them
         generators: Sequence[torch.Generator],  # (B,), for targets that are drawn
         *,
         validates: bool,  # these are validation items
@@ -103,7 +104,7 @@ class ReconstructionLearner(Learner):
         dropped, counts = self.settings.dropped_inputs, (self.fewest, self.most)
         views = [self.train.random_view(item, *counts, rng, dropped=dropped) for item, rng in zip(items, generators, strict=True)]
         observations = [vary_observation(observation, self.settings, rng) for observation, rng in zip(views, generators, strict=True)]
-        return Batch(observations, self.targets(self.train, items, generators, validates=False), generators)
+        return Batch(observations, self.targets(self.train, items, observations, generators, validates=False), generators)
 
     def validate(self, network: Any) -> dict[str, float]:
         """Compute the mean error with 1, 2, … grasps in turn; draws are the same in each epoch."""
@@ -113,7 +114,7 @@ class ReconstructionLearner(Learner):
         for numbers in self.validation_batches():
             observations = [self.valid.fixed_view(item, self.fewest, self.most) for item in numbers]
             generators = [generator] * len(numbers)
-            targets = self.targets(self.valid, numbers, generators, validates=True)
+            targets = self.targets(self.valid, numbers, observations, generators, validates=True)
             errors.append(self.errors(network, Batch(observations, targets, generators)))
         return {"loss": float(torch.cat(errors).double().mean())}
 

@@ -9,8 +9,8 @@ import trimesh
 
 from pipeline.contrib.report.results import trainings_table
 from pipeline.errors import InvalidInput
-from pipeline.kernels.networks.implicit_network import pad_touches
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
+from pipeline.kernels.networks.touch_points import pad_touches
 from pipeline.models.families import ROWS, load_reconstructor, model_name, reconstructor_type, rows_of, trained_models
 from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.rng import torch_generator

@@ -3,9 +3,7 @@
 Of touches a query is given the nearest touched point, and the nearest point that is known to be outside.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,16 +13,13 @@ from torch.nn import functional
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array
-from pipeline.kernels.metrics.chamfer import SearchCloud
 from pipeline.kernels.networks.image_encoder import ImageEncoder, MapGrid, pool_features, project_to_pixels
 from pipeline.kernels.networks.network_configurations import ImplicitConfig
+from pipeline.kernels.networks.touch_attention import Sites, TouchAttention
+from pipeline.kernels.networks.touch_points import POINT_FEATURES, TOUCH_FEATURES, TouchPoints, heights_above_touches
 from pipeline.kernels.tensors import COLOURS, draw_weights
-from pipeline.kernels.touch.touched_points import Touch
 
-NEAREST_POINT_FEATURES = 9  # offset, normal, height above the tangent plane, and how close the point is, at two scales
-TOUCH_FEATURES = 2 * NEAREST_POINT_FEATURES  # of the nearest point that was touched, and of the nearest known to be outside
-POINT_FEATURES = 7  # position, normal, and whether it was touched; networks of gels have the gel's width too, here and above
-SCALES = (0.04, 0.2)  # radii of an object, 1 and 5 cm: closeness is exp(-distance / scale)
+CAMERA_FEATURES = 4  # position of a query in the camera's directions, and one radius over the distance of the camera
 POOLED_SIDE = 4  # windows per side of the deepest map, of whose means a linear layer makes the global features of an image
 INITIAL_OUTPUT_SCALE = 0.1  # of the usual size of initial weights, for the last ones of each residual block
 FINGER_DEPTH = 0.015  # m beside an object of 0.5 m, as below: of the finger behind a touched point, where no object is
@@ -35,91 +30,6 @@ TANH_SLOPE = 0.05  # added to the tanh of distances, which alone is flat where m
 
 
 @dataclass(frozen=True)
-class TouchPoints:
-    """What sensors feel of B items, padded to P points, the most of an item; padding is neither touched nor outside."""
-
-    points: Tensor  # (B, P, 3) world, m; in a network, radii from the centre
-    normals: Tensor  # (B, P, 3) unit normals, away from the object
-    widths: Tensor | None  # (B, P) of the gel that each point is of, in the unit of the points; None in a network that is not given it
-    touched: Tensor  # (B, P) bool: points that were touched
-    outside: Tensor  # (B, P) bool: points that are known to be free
-
-    @property
-    def present(self) -> Tensor:  # (B, P) bool
-        """Find the entries that are no padding."""
-        return self.touched | self.outside
-
-    @property
-    def point_features(self) -> Tensor:
-        """Describe each point: (B, P, `POINT_FEATURES`, or one more)."""
-        widths = [] if self.widths is None else [self.widths]
-        return torch.cat([self.points, self.normals, *(values.to(self.points)[..., None] for values in (self.touched, *widths))], dim=2)
-
-    def features_at(self, queries: Tensor) -> tuple[Tensor, Tensor]:  # (B, N, `TOUCH_FEATURES`, or two more), (B, N) int64
-        """Compute features of queries (B, N, 3), radii, zeros where no point counts, and the numbers of the nearest touched points."""
-        if not self.points.shape[1]:
-            count = TOUCH_FEATURES + 2 * (self.widths is not None)
-            return queries.new_zeros(*queries.shape[:2], count), queries.new_zeros(queries.shape[:2], dtype=torch.int64)
-        nearest = [self._nearest(queries, clouds) for clouds in self._clouds]
-        pairs = zip(nearest, (self.touched, self.outside), strict=True)
-        return torch.cat([self._features(queries, *pair) for pair in pairs], dim=2), nearest[0]
-
-    @cached_property
-    def _clouds(self) -> list[list[tuple[Tensor, SearchCloud | None]]]:
-        """Per side, touched and outside, and item: the numbers of the points there, and their cloud."""
-        sides = [[torch.nonzero(counted)[:, 0] for counted in among] for among in (self.touched, self.outside)]
-        return [
-            [(numbers, SearchCloud(points[numbers]) if len(numbers) else None) for points, numbers in zip(self.points, side, strict=True)]
-            for side in sides
-        ]
-
-    def _nearest(self, queries: Tensor, clouds: Sequence[tuple[Tensor, SearchCloud | None]]) -> Tensor:
-        nearest = queries.new_zeros(queries.shape[:2], dtype=torch.int64)
-        for item, (numbers, cloud) in enumerate(clouds):
-            if cloud is not None:
-                nearest[item] = numbers[cloud.nearest(queries[item])]
-        return nearest
-
-    def _features(self, queries: Tensor, nearest: Tensor, among: Tensor) -> Tensor:
-        at = nearest[..., None].expand(-1, -1, 3)
-        offset, normal = queries - self.points.gather(1, at), self.normals.gather(1, at)
-        height = (offset * normal).sum(dim=2, keepdim=True)
-        distance = offset.norm(dim=2, keepdim=True)
-        widths = [] if self.widths is None else [self.widths.gather(1, nearest)[..., None]]
-        features = torch.cat([offset, normal, height, *(torch.exp(-distance / scale) for scale in SCALES), *widths], dim=2)
-        return features * among.any(dim=1)[:, None, None]
-
-
-def heights_above_touches(
-    features: Tensor,  # (..., `TOUCH_FEATURES`) of the queries
-    reach: Tensor,  # (...) distance at which a height's weight is 1/e, radii
-    *,
-    finger: float,  # depth of the finger above the plane, radii: height up to it adds nothing to the distance
-    below: float,  # depth below the plane at which a height's weight is 1/e, radii: the object may be thin
-) -> tuple[Tensor, Tensor]:  # heights (...), radii; weights (...) exp(-(distance / reach)⁴), zeros where nothing was touched
-    """Compute the heights of queries above the tangent planes of the nearest touched points; the object cannot be in the finger."""
-    offset, normal, height = features[..., :3], features[..., 3:6], features[..., 6]
-    across = offset.square().sum(dim=-1) - height.square()
-    along = (height - finger).clamp(min=0) / reach + height.clamp(max=0) / below
-    return height, torch.exp(-((across / reach**2 + along.square()) ** 2)) * normal.any(dim=-1)
-
-
-def pad_touches(items: Sequence[Sequence[Touch]], like: Tensor) -> TouchPoints:
-    """Pad what is felt of each of B items to the most points of an item, with the device and type of `like`; world, m."""
-    most = max((sum(len(touch.points) + len(touch.free) for touch in touches) for touches in items), default=0)
-    points, normals = np.zeros((2, len(items), most, 3), np.float32)
-    widths, is_touched, is_free = np.zeros((len(items), most), np.float32), *np.zeros((2, len(items), most), bool)
-    for item, touches in enumerate(items):
-        start = 0
-        for touch in touches:
-            for flags, cloud, directions in ((is_touched, touch.points, touch.normals), (is_free, touch.free, touch.free_normals)):
-                rows = slice(start, start := start + len(cloud))
-                points[item, rows], normals[item, rows], widths[item, rows], flags[item, rows] = cloud, directions, touch.width, True
-    felt = [torch.from_numpy(values).to(like) for values in (points, normals, widths)]
-    return TouchPoints(*felt, *(torch.from_numpy(flags).to(like.device) for flags in (is_touched, is_free)))
-
-
-@dataclass(frozen=True)
 class Encoding:
     """Encoded images and touches of B items; the K with an image are all, unless the network takes any inputs."""
 
@@ -127,7 +37,8 @@ class Encoding:
     cameras: Tensor | None  # (K, 3, 4) projection matrices; None without an image
     with_image: Tensor  # (K,) int64: the items that have an image
     overall: Tensor  # (B, G) global features
-    touches: TouchPoints | None  # the points of the items' touch charts; None without touch
+    touches: TouchPoints | None  # the items' touched points, in radii from the centre; None without touch
+    sites: Sites | None = None  # the items' touches, for the attention to them; None without it
 
 
 class ImplicitNetwork(nn.Module):
@@ -148,17 +59,20 @@ class ImplicitNetwork(nn.Module):
                 self.encoder = ImageEncoder(config)
                 self.seen = nn.Linear(self.encoder.deepest * POOLED_SIDE**2, overall)
                 of_pixel = COLOURS + self.encoder.channels + (config.image == "any")  # and whether there is an image
+                of_pixel += CAMERA_FEATURES * config.of_camera
             if config.touch:
                 self.felt = nn.Sequential(nn.Linear(POINT_FEATURES + is_of_gels, overall), nn.ReLU(), nn.Linear(overall, overall))
             codes = overall * ((config.image is not None) + config.touch)
             of_touch = (TOUCH_FEATURES + 2 * is_of_gels) * config.touch
             self.inputs = [3, codes, of_pixel, of_touch]  # of a query: its position, its item's codes, features
             self.first, self.last = nn.Linear(sum(self.inputs), width), nn.Linear(width, 1)
+            self.attention = TouchAttention(width, config.attention) if config.touch and config.attention else None
             self.blocks = nn.ModuleList(
                 nn.Sequential(nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, width)) for _ in range(config.blocks)
             )
         draw_weights(self, generator)
         scaled = [weight for name, weight in self.blocks.named_parameters() if name.endswith("3.weight")]
+        scaled += [] if self.attention is None else [self.attention.told.weight]
         with torch.no_grad():
             for weight in (self.last.weight, *scaled):
                 weight.mul_(INITIAL_OUTPUT_SCALE)
@@ -202,7 +116,13 @@ class ImplicitNetwork(nn.Module):
             widths = touches.widths / self.config.radius if is_of_gels and touches.widths is not None else None
             touches = replace(touches, points=self._unit(touches.points), widths=widths)
             overall.append(self._touch_code(touches))
-        return Encoding(maps, cameras, with_image, torch.cat(overall, dim=1), touches if self.config.touch else None)
+        code = Encoding(maps, cameras, with_image, torch.cat(overall, dim=1), touches if self.config.touch else None)
+        if self.attention is None or not bool(touches.touched.any()):
+            return code
+        middles = self.attention.middles(touches)
+        untouched = replace(code, overall=torch.cat([*overall[:-1], torch.zeros_like(overall[-1])], dim=1))
+        hidden = self._deepen(self._begin(untouched, middles))
+        return replace(code, sites=self.attention.sites(touches, hidden, self._distances(hidden) / self.config.band))
 
     def _touch_code(self, touches: TouchPoints) -> Tensor:  # (B, G)
         """Compute the largest codes of each item's points, 0 at least; only the few points that have one are differentiated."""
@@ -221,21 +141,37 @@ class ImplicitNetwork(nn.Module):
     def _decode(self, code: Encoding, queries: Tensor) -> tuple[Tensor, tuple[Tensor, Tensor] | None]:
         """Predict as `decode`; a network with touch also returns what `TouchPoints.features_at` does."""
         unit, touch_features = self._unit(queries), None
-        of_position, of_item, of_pixel, of_touch = torch.split(self.first.weight, self.inputs, dim=1)
-        hidden = functional.linear(unit, of_position) + functional.linear(code.overall, of_item, self.first.bias)[:, None]
-        if self.encoder is not None and code.maps and code.cameras is not None:
-            pixels = project_to_pixels(code.cameras, queries[code.with_image])
-            features = pool_features(code.maps, (MapGrid(), *self.encoder.grids), pixels)
-            if self.config.image == "any":
-                features = functional.pad(features, (0, 1), value=1)
-            hidden = hidden.index_add(0, code.with_image, functional.linear(features, of_pixel))
+        hidden = self._begin(code, unit)
         if code.touches is not None:
             touch_features = code.touches.features_at(unit)
-            hidden = hidden + functional.linear(touch_features[0], of_touch)
+            hidden = hidden + functional.linear(touch_features[0], torch.split(self.first.weight, self.inputs, dim=1)[-1])
+        if code.sites is not None and self.attention is not None:
+            hidden = hidden + self.attention(hidden, unit, code.sites)
+        return self._distances(self._deepen(hidden)), touch_features
+
+    def _begin(self, code: Encoding, unit: Tensor) -> Tensor:
+        """Compute the first features of queries (B, N, 3), radii, but for the touches near them: (B, N, features)."""
+        of_position, of_item, of_pixel, _ = torch.split(self.first.weight, self.inputs, dim=1)
+        hidden = functional.linear(unit, of_position) + functional.linear(code.overall, of_item, self.first.bias)[:, None]
+        if self.encoder is None or not code.maps or code.cameras is None:
+            return hidden
+        seen = unit[code.with_image]
+        pixels = project_to_pixels(code.cameras, seen * self.config.radius + seen.new_tensor(self.config.centre))
+        features = pool_features(code.maps, (MapGrid(), *self.encoder.grids), pixels)
+        if self.config.of_camera:
+            features = torch.cat([features, positions_in_view(code.cameras, seen, self.config)], dim=2)
+        if self.config.image == "any":
+            features = functional.pad(features, (0, 1), value=1)
+        return hidden.index_add(0, code.with_image, functional.linear(features, of_pixel))
+
+    def _deepen(self, hidden: Tensor) -> Tensor:
         for block in self.blocks:
             hidden = hidden + block(hidden)
+        return hidden
+
+    def _distances(self, hidden: Tensor) -> Tensor:  # (B, N) m
         last: Tensor = self.last(hidden.relu())[..., 0]
-        return self.config.band * (torch.tanh(last) + TANH_SLOPE * last), touch_features
+        return self.config.band * (torch.tanh(last) + TANH_SLOPE * last)
 
     def errors_at_touches(self, code: Encoding) -> Tensor | None:  # (B, P) m; None if no touch is followed
         """Predict the distances of touched points, which are truly 0; 0 for other points."""
@@ -280,3 +216,18 @@ class ImplicitNetwork(nn.Module):
     def _unit(self, points: Tensor) -> Tensor:
         """Convert world, m, to radii from the centre."""
         return (points.to(self.last.weight) - self.last.weight.new_tensor(self.config.centre)) / self.config.radius
+
+
+def positions_in_view(
+    cameras: Tensor,  # (B, 3, 4) projection matrices
+    queries: Tensor,  # (B, N, 3) radii from the centre
+    config: ImplicitConfig,
+) -> Tensor:  # (B, N, `CAMERA_FEATURES`)
+    """Turn queries into the directions of the camera, columns, rows and forward, and tell how near the camera is."""
+    matrices = cameras.to(queries)
+    forward = matrices[:, 2, :3]
+    across = [row - (row * forward).sum(dim=1, keepdim=True) * forward for row in (matrices[:, 0, :3], matrices[:, 1, :3])]
+    axes = torch.stack([*(functional.normalize(axis, dim=1) for axis in across), forward], dim=1)
+    depth = forward @ matrices.new_tensor(config.centre) + matrices[:, 2, 3]
+    nearness = (config.radius / depth)[:, None, None].expand(*queries.shape[:2], 1)
+    return torch.cat([queries @ axes.mT, nearness], dim=2)

@@ -100,6 +100,8 @@ class ImplicitConfig(NetworkInputs):
     encoder_width: float = Field(default=0.25, gt=0, le=64)
     features: int = Field(default=128, ge=2, le=2**12)  # of each layer of the decoder
     blocks: int = Field(default=3, ge=0, le=100)  # of the decoder: residual, of two layers
+    attention: int = Field(default=0, ge=0, le=2**10, multiple_of=4)  # features of the attention to touches; 0: none
+    of_camera: bool = False  # whether a query is told where it is as the camera sees it; else the camera is the same in all images
     band: float = Field(default=0.03, gt=0)  # m: distances beyond, on either side, count the same
     spacing: float = Field(default=0.004, gt=0)  # of the grid that a reconstruction's mesh is made on, m
     touch_reach: float = Field(default=0.01, ge=0, le=1)
@@ -118,7 +120,7 @@ IMPLICIT_CONFIGURATIONS: Mapping[str, ImplicitConfig] = {
     "implicit-unoccluded": ImplicitConfig(image="unoccluded"),
     "implicit-unoccluded-touch": ImplicitConfig(image="unoccluded", touch=True),
     "implicit-any": ImplicitConfig(image="any", touch=True, encoder_norm="group"),  # batches of it have more or fewer images
-    "implicit-gels": ImplicitConfig(image="any", touch=True, encoder_norm="group", touch_points="gels"),
+    "implicit-gels": ImplicitConfig(image="any", touch=True, encoder_norm="group", touch_points="gels", attention=64, of_camera=True),
 }
 """The implicit networks by name, with the inputs of the supplement's networks; `implicit-any` takes any of them, and `implicit-gels`
 too, with touches of any sensor."""

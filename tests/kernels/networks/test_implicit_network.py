@@ -12,17 +12,9 @@ from torch.nn import functional
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.networks.image_encoder import MapGrid, pool_features, project_to_pixels
-from pipeline.kernels.networks.implicit_network import (
-    NEAREST_POINT_FEATURES,
-    SCALES,
-    TANH_SLOPE,
-    TOUCH_FEATURES,
-    ImplicitConfig,
-    ImplicitNetwork,
-    TouchPoints,
-    pad_touches,
-)
+from pipeline.kernels.networks.implicit_network import TANH_SLOPE, ImplicitConfig, ImplicitNetwork
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.kernels.networks.touch_points import NEAREST_POINT_FEATURES, SCALES, TOUCH_FEATURES, TouchPoints, pad_touches
 from pipeline.kernels.touch.touched_points import chart_touches
 from tests.kernels.networks.test_deformation_network import inputs
 
