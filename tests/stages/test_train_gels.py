@@ -5,16 +5,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
+from scipy.spatial import cKDTree
 
 from pipeline.errors import StoreError
 from pipeline.kernels.geometry.mesh_cleaning import bounding_diagonal
+from pipeline.kernels.networks.implicit_network import ImplicitNetwork
 from pipeline.models.families import load_reconstructor
 from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.store.directory import DataDirectory
 from pipeline.training.items import Items
 from stages.evaluate.evaluation_files import read_figures
 from stages.registry import resolve
-from stages.train_implicit import TrainImplicit
+from stages.train_implicit import ImplicitLearner, TrainImplicit
 from tests.stages import ball_dataset as spheres
 
 NAME = "implicit-gels"
@@ -45,6 +48,28 @@ def test_items_hold_points_of_gels_with_their_width_beside_the_object(data):
     assert {round(touch.width, 6) for touch in seen.touches} == {round(scale * spheres.SENSOR.width, 6)}
     points = np.concatenate([touch.points for touch in seen.touches])
     np.testing.assert_allclose(np.linalg.norm(points - spheres.CENTRE, axis=1), 0.1 * scale, atol=2e-4)
+
+
+def test_touches_of_a_grasp_are_found_once(data):
+    items = Items(data, "train", resolve("train-implicit", "draft", SETTINGS).inputs, 2, learned=TrainImplicit.arrays)
+    first, again = (items.fixed_view(1, 2, 2).touches for _ in range(2))
+    assert all(one is other for one, other in zip(first, again, strict=True))
+
+
+def test_points_to_learn_at_can_be_drawn_near_touches(data):
+    resolved = resolve("train-implicit", "draft", (*SETTINGS, "train-implicit.near_touches=0.6"))
+    items = Items(data, "train", resolved.inputs, 2, learned=TrainImplicit.arrays)
+    learner = ImplicitLearner(ImplicitNetwork(resolved.network(5)), items, items, resolved, seed=0)
+    observations = [items.fixed_view(1, 2, 2)]
+    queries, distances = learner.targets(items, [1], observations, [torch.Generator().manual_seed(2)], validates=False)
+    middles = np.array([touch.points.mean(axis=0) for touch in observations[0].scaled(spheres.CENTRE).touches if touch.touched])
+    points = items.scaled(items.rows.read("query_points", "a"), "a")
+    limit = np.quantile(cKDTree(middles).query(points)[0], 1 / 16)
+    near = cKDTree(middles).query(queries[0].numpy())[0] <= 1.001 * limit
+    assert near[:30].all()  # of 50
+    assert not near[30:].all()
+    expected = items.scale("a") * items.rows.read("signed_distance", "a")[cKDTree(points).query(queries[0].numpy())[1]]
+    np.testing.assert_allclose(distances[0].numpy(), expected, rtol=1e-5)
 
 
 def test_model_states_the_gels_that_it_learned_from_and_no_charts(data):

@@ -106,8 +106,8 @@ class ImplicitNetwork(nn.Module):
                 maps = [images, *deep]
                 seen = self.seen(functional.adaptive_avg_pool2d(deep[-1], POOLED_SIDE).flatten(1))
                 image_code = image_code.to(seen).index_copy(0, with_image, seen)
-            elif self.training:  # processes that share a step wait for the gradient of each weight, even if it is zero
-                image_code = image_code + 0 * sum(weights.sum() for layer in (self.encoder, self.seen) for weights in layer.parameters())
+            elif self.training:
+                image_code = image_code + nothing_of(self.encoder, self.seen)
             overall.append(image_code)
         if self.config.touch:
             if not bool(torch.isfinite(touches.points).all()):
@@ -147,6 +147,8 @@ class ImplicitNetwork(nn.Module):
             hidden = hidden + functional.linear(touch_features[0], torch.split(self.first.weight, self.inputs, dim=1)[-1])
         if code.sites is not None and self.attention is not None:
             hidden = hidden + self.attention(hidden, unit, code.sites)
+        elif self.attention is not None and self.training:
+            hidden = hidden + nothing_of(self.attention)
         return self._distances(self._deepen(hidden)), touch_features
 
     def _begin(self, code: Encoding, unit: Tensor) -> Tensor:
@@ -216,6 +218,11 @@ class ImplicitNetwork(nn.Module):
     def _unit(self, points: Tensor) -> Tensor:
         """Convert world, m, to radii from the centre."""
         return (points.to(self.last.weight) - self.last.weight.new_tensor(self.config.centre)) / self.config.radius
+
+
+def nothing_of(*layers: nn.Module) -> Tensor:
+    """Compute 0 from all weights of layers: processes that share a step wait for the gradient of each weight, even if it is zero."""
+    return 0 * torch.stack([weights.sum() for layer in layers for weights in layer.parameters()]).sum()
 
 
 def positions_in_view(
