@@ -68,7 +68,7 @@ class TouchAttention(nn.Module):
         known = (self.pair(pairs) + sites.keys[:, None] + self.query(hidden.relu())[:, :, None]).relu()  # (B, N, T, features)
         scores = self.score(known).masked_fill(~sites.present[:, None, :, None], -torch.inf)
         weights = functional.pad(scores, (0, 0, 0, 1)).softmax(dim=2)[:, :, :-1]  # the last touch is none: a query may need no other
-        said = torch.einsum("bnth,bnthf->bnhf", weights, known.unflatten(3, (HEADS, -1)))
+        said = (weights[..., None] * known.unflatten(3, (HEADS, -1))).sum(dim=2)  # (B, N, HEADS, features / HEADS)
         told: Tensor = self.told(said.flatten(2))
         return told
 
