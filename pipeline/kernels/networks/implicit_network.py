@@ -71,11 +71,10 @@ class ImplicitNetwork(nn.Module):
                 nn.Sequential(nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, width)) for _ in range(config.blocks)
             )
         draw_weights(self, generator)
-        scaled = [weight for name, weight in self.blocks.named_parameters() if name.endswith("3.weight")]
-        scaled += [] if self.attention is None else [self.attention.told.weight]
         with torch.no_grad():
-            for weight in (self.last.weight, *scaled):
-                weight.mul_(INITIAL_OUTPUT_SCALE)
+            for name, weight in self.named_parameters():
+                if name.endswith((".3.weight", "told.weight", "last.weight")):
+                    weight.mul_(INITIAL_OUTPUT_SCALE)
 
     def forward(self, queries: Tensor, **inputs: Any) -> Tensor:
         """Predict the signed distances (B, N), m, of queries (B, N, 3), world, m, from the parameters of `encode`."""

@@ -56,7 +56,7 @@ class TouchAttention(nn.Module):
         offsets = (touches.points[items, points] - middles[items, at]) / widths[items, at]
         felt = self.shape(torch.cat([offsets, touches.normals[items, points], widths[items, at]], dim=1)).relu()
         row = (items * middles.shape[1] + at)[:, None].expand_as(felt)
-        shapes = felt.new_zeros(widths[..., 0].numel(), felt.shape[1]).scatter_reduce(0, row, felt, "amax").unflatten(0, widths.shape[:2])
+        shapes = felt.new_zeros(widths[..., 0].numel(), felt.shape[1]).scatter_reduce(0, row, felt, "amax").view(*widths.shape[:2], -1)
         keys = self.place(torch.cat([middles, normals, widths, distances[..., None], shapes, hidden.relu()], dim=2))
         return Sites(middles, normals, keys, widths[..., 0] > 0)
 
@@ -79,4 +79,5 @@ class TouchAttention(nn.Module):
         count = int(touches.sites.max()) + 1
         rows = items * count + touches.sites[items, points]
         sums = values.new_zeros(len(values) * count, values.shape[2]).index_add(0, rows, values[items, points])
-        return (sums / torch.bincount(rows, minlength=len(sums)).clamp(min=1)[:, None]).unflatten(0, (len(values), count))
+        means = sums / torch.bincount(rows, minlength=len(sums)).clamp(min=1)[:, None]
+        return means.view(len(values), count, -1)
