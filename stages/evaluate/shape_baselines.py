@@ -1,0 +1,171 @@
+"""Baselines that learn nothing: shapes that follow by a rule from a silhouette, from exact depth, or from touched points.
+
+They are told the middle and the diagonal of the object's bounding box, as networks are.
+"""
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import scipy
+
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.kernels.arrays import Array, Mask
+from pipeline.kernels.geometry.level_set import level_set_mesh
+from pipeline.kernels.geometry.mesh import sample_triangles
+from pipeline.kernels.geometry.mesh_cleaning import POSITION
+from pipeline.kernels.geometry.transforms import length, unit_vectors
+from pipeline.kernels.vision.scene import Label
+from pipeline.kernels.vision.view_transfer import optical_centre, split_projection
+from pipeline.models.reconstruction import Reconstruction
+from pipeline.rng import numpy_rng
+from stages.evaluate.baselines import SHAPE_PREFIX
+from stages.evaluate.measure import Case, Method, make_cases
+from stages.evaluate.surface_parts import SurfaceParts
+
+MOST = 500  # points that a Gaussian process goes through, and as many outside
+OUTSIDE = 0.01  # their distance from the surface over the object's diagonal
+CORRELATED = (0.125, 0.25, 0.5)  # lengths of covariances over the diagonal, of which the likeliest is taken
+NOISE = 1e-4  # variance of the values' noise over that of the process
+CELLS = 40  # of the grid along the diagonal on which the surface is found
+BATCH = 4096  # points at which the process is computed at a time
+
+
+class ShapeBaseline(Method):
+    """Makes points of a shape in place of each reconstruction."""
+
+    image, touch = "occluded", False
+    inputs: Mapping[str, Any] = {}
+
+    def __init__(self, parts: SurfaceParts) -> None:
+        self.parts = parts
+
+    def cases(self, available: int, numbers: Sequence[int]) -> list[Case]:
+        return make_cases(available, numbers, touch=self.touch, occluded=self.image is not None)
+
+    def reconstruct(self, objects: ObjectRows, work: Sequence[tuple[str, Case]]) -> list[Reconstruction]:
+        shapes = [self.shape(object_id, case, objects.diagonal(object_id)) for object_id, case in work]
+        shapes = [shape if len(shape) else POSITION[None] for shape in shapes]  # nothing was seen or felt
+        return [Reconstruction(shape, np.zeros((0, 3), np.int64), len(shape), np.arange(len(shape)), side=2) for shape in shapes]
+
+    @abstractmethod
+    def shape(self, object_id: str, case: Case, diagonal: float) -> Array:  # (N, 3) world, m
+        """Make points of the shape of an object, none if nothing is known of it."""
+
+
+class Extruded(ShapeBaseline):
+    """Extrudes the silhouette, as far as the hand leaves it visible."""
+
+    name = f"{SHAPE_PREFIX}extruded"
+
+    def shape(self, object_id: str, case: Case, diagonal: float) -> Array:
+        camera, shown = self.parts.view(object_id, case.first)
+        return extrude_silhouette(shown == Label.OBJECT, camera, POSITION, diagonal)
+
+
+class Mirrored(ShapeBaseline):
+    """Mirrors the visible surface."""
+
+    name = f"{SHAPE_PREFIX}mirrored"
+
+    def shape(self, object_id: str, case: Case, diagonal: float) -> Array:
+        return mirrored(self.parts.visible(object_id, case.first)[0], self.parts.view(object_id, case.first)[0], POSITION)
+
+
+class Smooth(ShapeBaseline):
+    """Lays a smooth surface through touched points."""
+
+    name, image, touch = f"{SHAPE_PREFIX}smooth through touches", None, True
+
+    def shape(self, object_id: str, case: Case, diagonal: float) -> Array:
+        clouds = [self.parts.touched(object_id, case.grasps)]
+        if self.image:
+            clouds.append(self.parts.visible(object_id, case.first))
+        rng, cloud = numpy_rng(self.parts.seed, "evaluate", self.name, object_id), np.concatenate([np.hstack(pair) for pair in clouds])
+        points, normals = np.hsplit(rng.permutation(cloud)[:MOST], 2)
+        vertices, faces = smooth_surface(points, normals, POSITION, diagonal)
+        return sample_triangles(vertices[faces], self.parts.objects.count, rng)[0] if len(faces) else points
+
+
+class SmoothWithImage(Smooth):
+    """Lays a smooth surface through touched and visible points."""
+
+    name, image = f"{SHAPE_PREFIX}smooth through touches and depth", "occluded"
+
+
+def shape_baselines(parts: SurfaceParts) -> list[ShapeBaseline]:
+    """Choose the baselines for the inputs of the measured methods."""
+    kinds: list[type[ShapeBaseline]] = [Extruded, Mirrored] if parts.image else []
+    kinds += [Smooth] if parts.touch else []
+    return [kind(parts) for kind in (*kinds, *([SmoothWithImage] if parts.image and parts.touch else []))]
+
+
+def mirrored(
+    points: Array,  # (N, 3) m
+    camera: Array,  # (3, 4) projection matrix
+    centre: Array,  # (3,) of the object's bounding box
+) -> Array:  # (2 N, 3)
+    """Add to points their mirror images about the plane through an object's middle that lies across the line of sight."""
+    sight = unit_vectors(centre - optical_centre(camera))
+    return np.concatenate([points, points - 2 * np.outer((points - centre) @ sight, sight)])
+
+
+def extrude_silhouette(
+    silhouette: Mask,  # (rows, cols)
+    camera: Array,  # (3, 4) projection matrix
+    centre: Array,  # (3,) of the object's bounding box
+    diagonal: float,  # of the box, m
+) -> Array:  # (N, 3), none of an empty silhouette
+    """Extrude a silhouette along the viewing direction, to either side of an object's middle, until its box has the known diagonal.
+
+    Its points are as dense as pixels.
+    """
+    intrinsic, rotation = split_projection(camera)
+    row, col = np.nonzero(silhouette)
+    rays = np.column_stack([col + 0.5, row + 0.5, np.ones(len(row))]) @ np.linalg.inv(intrinsic).T  # camera frame
+    away = rotation[2] @ (centre - optical_centre(camera))
+    flat = optical_centre(camera) + away * rays @ rotation
+    pixel = float(away / intrinsic[0, 0])
+    across = away * np.ptp(rays[:, :2], axis=0) + pixel if len(row) else 0.0
+    depth = max(np.sqrt(max(diagonal**2 - np.square(across).sum(), 0.0)), pixel)
+    rim = (silhouette & ~scipy.ndimage.binary_erosion(silhouette))[row, col]
+    sides = flat[rim, None] + np.linspace(-depth / 2, depth / 2, int(depth / pixel) + 1)[:, None] * rotation[2]
+    return np.concatenate([flat - depth / 2 * rotation[2], flat + depth / 2 * rotation[2], sides.reshape(-1, 3)])
+
+
+def smooth_surface(
+    points: Array,  # (N, 3) on the surface
+    normals: Array,  # (N, 3) unit, outwards
+    centre: Array,  # (3,) of the object's bounding box
+    diagonal: float,  # of the box, m
+) -> tuple[Array, Array]:  # vertices (V, 3), faces (F, 3): none without points, or if nothing is inside
+    """Lay a smooth surface through points: where a Gaussian process is 0 (Williams and Fitzgibbon, 2007).
+
+    Its mean is the distance to the sphere about the centre that is nearest to the points. It is 0 at the points, and `OUTSIDE` there.
+    Covariances are Matérn's with ν = 3/2.
+    """
+    if not len(points):
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
+    step, radius = OUTSIDE * diagonal, float(length(points - centre).mean())
+    given = np.concatenate([points, points + step * normals])
+    values = np.repeat([0.0, step], len(points)) - (length(given - centre) - radius)
+
+    def covariances(queries: Array, reach: float) -> Array:
+        scaled = np.sqrt(3) / reach * scipy.spatial.distance.cdist(queries, given)
+        return np.asarray((1 + scaled) * np.exp(-scaled))
+
+    fits = []
+    for reach in diagonal * np.array(CORRELATED):
+        factor = scipy.linalg.cho_factor(covariances(given, reach) + NOISE * np.eye(len(given)), lower=True)
+        weights = scipy.linalg.cho_solve(factor, values)
+        likelihood = -len(given) / 2 * np.log(values @ weights) - np.log(np.diag(factor[0])).sum()
+        fits.append((likelihood, reach, weights))
+    _, reach, weights = max(fits, key=lambda fit: fit[0])
+
+    def field(queries: Array) -> Array:
+        blocks = np.array_split(queries, -(-len(queries) // BATCH))
+        return length(queries - centre) - radius + np.concatenate([covariances(block, reach) @ weights for block in blocks])
+
+    corner = np.full(3, 0.55 * diagonal)  # a tenth more than any object reaches
+    return level_set_mesh(field, centre - corner, centre + corner, diagonal / CELLS, halvings=1, loose_pieces=False)
