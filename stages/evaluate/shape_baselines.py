@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import scipy
+from skimage.morphology import convex_hull_image
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.arrays import Array, Mask
@@ -55,13 +56,16 @@ class ShapeBaseline(Method):
 
 
 class Extruded(ShapeBaseline):
-    """Extrudes the silhouette, as far as the hand leaves it visible."""
+    """Extrudes the silhouette, with the part of its convex hull that the hand covers."""
 
     name = f"{SHAPE_PREFIX}extruded"
 
     def shape(self, object_id: str, case: Case, diagonal: float) -> Array:
         camera, shown = self.parts.view(object_id, case.first)
-        return extrude_silhouette(shown == Label.OBJECT, camera, POSITION, diagonal)
+        silhouette = shown == Label.OBJECT
+        if silhouette.any():
+            silhouette |= convex_hull_image(silhouette) & (shown == Label.HAND)
+        return extrude_silhouette(silhouette, camera, POSITION, diagonal)
 
 
 class Mirrored(ShapeBaseline):
@@ -117,9 +121,10 @@ def extrude_silhouette(
     centre: Array,  # (3,) of the object's bounding box
     diagonal: float,  # of the box, m
 ) -> Array:  # (N, 3), none of an empty silhouette
-    """Extrude a silhouette along the viewing direction, to either side of an object's middle, until its box has the known diagonal.
+    """Extrude a silhouette along the viewing direction, to either side of an object's middle.
 
-    Its points are as dense as pixels.
+    It becomes as deep as its box needs for the known diagonal, but no deeper than wide and high: the hand may hide much of the
+    silhouette. Its points are as dense as pixels.
     """
     intrinsic, rotation = split_projection(camera)
     row, col = np.nonzero(silhouette)
@@ -127,11 +132,11 @@ def extrude_silhouette(
     away = rotation[2] @ (centre - optical_centre(camera))
     flat = optical_centre(camera) + away * rays @ rotation
     pixel = float(away / intrinsic[0, 0])
-    across = away * np.ptp(rays[:, :2], axis=0) + pixel if len(row) else 0.0
-    depth = max(np.sqrt(max(diagonal**2 - np.square(across).sum(), 0.0)), pixel)
+    sides = away * np.ptp(rays[:, :2], axis=0) + pixel if len(row) else np.zeros(2)
+    depth = np.clip(np.sqrt(max(diagonal**2 - np.square(sides).sum(), 0.0)), pixel, max(sides.min(), pixel))
     rim = (silhouette & ~scipy.ndimage.binary_erosion(silhouette))[row, col]
-    sides = flat[rim, None] + np.linspace(-depth / 2, depth / 2, int(depth / pixel) + 1)[:, None] * rotation[2]
-    return np.concatenate([flat - depth / 2 * rotation[2], flat + depth / 2 * rotation[2], sides.reshape(-1, 3)])
+    walls = flat[rim, None] + np.linspace(-depth / 2, depth / 2, int(depth / pixel) + 1)[:, None] * rotation[2]
+    return np.concatenate([flat - depth / 2 * rotation[2], flat + depth / 2 * rotation[2], walls.reshape(-1, 3)])
 
 
 def smooth_surface(

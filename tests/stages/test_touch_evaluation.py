@@ -84,7 +84,7 @@ def test_mirrored_half_of_a_sphere_is_the_sphere():
     assert whole[:, 0].mean() == pytest.approx(0, abs=1e-6)
 
 
-@pytest.mark.parametrize("height", [0.04, 0.15])
+@pytest.mark.parametrize("height", [0.04, 0.09])
 def test_extruded_disc_is_the_cylinder(height):
     """The box around a cylinder along the line of sight has the diagonal √(8 r² + h²)."""
     camera, (row, col) = camera_at(50.0), np.indices((256, 256)) + 0.5
@@ -96,6 +96,12 @@ def test_extruded_disc_is_the_cylinder(height):
     apart = cloud_distances(made, truth)
     assert np.sqrt(apart.truth).max() < 0.0015
     assert np.sqrt(apart.truth).mean() < 0.0005
+
+
+def test_extruded_disc_is_no_deeper_than_wide():
+    row, col = np.indices((256, 256)) + 0.5
+    made = extrude_silhouette(np.hypot(row - 128, col - 128) <= 100, camera_at(50.0), CENTRE, 1.0)
+    assert np.ptp(made, axis=0) == pytest.approx([2 * RADIUS] * 3, rel=0.01)
 
 
 def test_empty_silhouette_has_no_shape():
