@@ -1,16 +1,26 @@
 """Parts of surfaces near touches and hidden from cameras, and baselines that learn nothing, against closed forms."""
 
+import io
+
 import numpy as np
 import pytest
 import trimesh
+from rich.console import Console
 
+from pipeline.console import cell_text
+from pipeline.engine.make import plans
+from pipeline.engine.plan import Request
 from pipeline.kernels.geometry.exterior_sampling import RayScene
 from pipeline.kernels.geometry.transforms import unit_vectors
 from pipeline.kernels.metrics.cloud_distances import cloud_distances, sampling_distance
 from pipeline.kernels.vision.camera import Camera, look_at, project_points, projection_matrix
 from pipeline.kernels.vision.scene import Label
+from pipeline.tables.evaluation_tables import evaluation_tables
+from stages.evaluate.evaluation_files import read_figures
 from stages.evaluate.shape_baselines import extrude_silhouette, mirrored, smooth_surface
-from stages.evaluate.surface_parts import hidden_points
+from stages.evaluate.stage import Evaluate, EvaluationSettings
+from stages.evaluate.surface_parts import LABELS, hidden_points
+from tests.stages import ball_dataset as spheres
 
 CENTRE = np.array([0.0, 0.0, 0.6])
 RADIUS = 0.05
@@ -130,3 +140,64 @@ def test_smooth_surface_through_one_patch_is_closed_and_goes_through_it():
 
 def test_nothing_felt_has_no_surface():
     assert len(smooth_surface(np.zeros((0, 3)), np.zeros((0, 3)), CENTRE, 0.2)[1]) == 0
+
+
+@pytest.fixture(scope="module")
+def evaluation(tmp_path_factory):
+    """Evaluate networks on a ball of radius 0.12 m that has its size, beside a training ball; `none` is a larger sphere around it."""
+    data = tmp_path_factory.mktemp("balls")
+    spheres.make_data(data, 2, ("train", "test"))
+    names = ("none", "occluded", "occluded-touch")
+    for name in names:
+        spheres.make_model(data, name, still=name == "none")
+    settings = EvaluationSettings(points=500, grasps=(1, 5), configurations=names)
+    request = Request(Evaluate(), settings, "balls", spheres.objects(2, ("train", "test")), "draft", 0, data)
+    with pytest.MonkeyPatch.context() as patch:
+        for module in ("stage", "protocols"):
+            patch.setattr(f"stages.evaluate.{module}.has_paper_sizes", lambda _: False)
+        patch.setattr("stages.evaluate.shape_baselines.MOST", 60)
+        (plan,) = plans(request)
+        plan.make(Console(file=io.StringIO()))
+    return plan.directory.folder_path(plan.units[0].name)
+
+
+def test_parts_of_a_ball_in_a_larger_one_are_as_far_as_the_whole(evaluation):
+    figures = read_figures(evaluation)
+    still = figures["none"]
+    apart = still.by_object("mean_distance")
+    assert apart > 0.05
+    for part in LABELS:
+        assert still.by_object(f"{part}_distance") == pytest.approx(apart, rel=0.1)
+        assert np.isfinite(figures["occluded-touch"].by_object(f"{part}_distance", 5)).all()
+    assert still.per_case("hidden_distance").shape == (1, 5)
+    assert set(figures["training object, by truth"].means()) == {"mean_distance", "f_2mm", "f_5mm", "f_1percent", "chamfer"} | {
+        f"{part}_distance" for part in LABELS
+    }
+
+
+def test_mirrored_and_smooth_shapes_of_a_ball_are_the_ball(evaluation):
+    """As far as sampling allows: 500 points of a ball of 0.12 m are 9.5 mm apart from as many."""
+    figures = read_figures(evaluation)
+    least = sampling_distance(4 * np.pi * 0.12**2, 500)
+    assert figures["shape, mirrored"].by_object("mean_distance") == pytest.approx(least, rel=0.15)
+    for grasps in (1, 5):
+        for name in ("shape, smooth through touches", "shape, smooth through touches and depth"):
+            assert figures[name].by_object("mean_distance", grasps) == pytest.approx(least, rel=0.1)
+    assert figures["shape, extruded"].by_object("mean_distance") > 0.05  # the silhouettes of these images are empty
+
+
+def test_tables_show_what_touch_adds(evaluation):
+    tables = {table.title.partition(":")[0]: table for table in evaluation_tables(evaluation)}
+    rows = [[cell_text(cell) for cell in row.cells[:2]] for row in tables["What touch adds"].rows]
+    networks = [["none", "0"], ["occluded", "0"], ["occluded-touch", "1"], ["occluded-touch", "5"]]
+    smooth = [[f"baseline: Gaussian process through touches{end}", str(given)] for end in ("", " and exact depth") for given in (1, 5)]
+    assert rows[:4] == networks
+    assert rows[-4:] == smooth
+    assert ["baseline: nearest training object", "–"] in rows
+    compared = tables["Differences of distances, mm, object by object, with intervals, and in % of the second"].rows
+    assert [row.cells[0] for row in compared] == ["occluded-touch − occluded", "occluded-touch: 5 grasps − 1"]
+    figures = read_figures(evaluation)
+    first, second = (1e3 * figures[name].by_object("hidden_near_distance") for name in ("occluded-touch", "occluded"))
+    assert compared[0].cells[4] == f"{(first - second)[0]:+.2f}, {100 * (first / second - 1)[0]:+.0f} %"
+    assert "Baselines" in tables
+    assert not any("Gaussian" in str(row.cells[0]) for row in tables["Baselines"].rows)
