@@ -25,7 +25,7 @@ QUALITY = {
 METRICS = {
     "mean_distance": ("m", "Mean nearest distance, the mean of both directions'."),
     "f_5mm": ("1", "F-score at 5 mm: harmonic mean of the shares of predicted and of true points within it of the other surface."),
-    "f_2mm": ("1", "F-score at 2 mm; as the following three, of objects in sizes of their own alone."),
+    "f_2mm": ("1", "F-score at 2 mm; as the next three, where not all objects were scaled to 0.5 m."),
     "near_distance": ("m", "Mean distance to the reconstruction of true points within 10 mm of those that the first grasp touched."),
     "hidden_distance": ("m", "Of true points that the camera does not see in the image with the hand in the first grasp."),
     "hidden_near_distance": ("m", "Of those that are both."),

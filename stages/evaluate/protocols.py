@@ -37,7 +37,7 @@ from stages.evaluate.shape_baselines import shape_baselines
 from stages.evaluate.surface_parts import SurfaceParts
 
 NEAR, NEAR_SHARE = 5e-3, 0.01  # distances of the F-scores: m, and a share of the object's diagonal
-NEARER = 2e-3  # m, of objects in sizes of their own
+NEARER = 2e-3  # m, where not all objects were scaled to 0.5 m
 POINTS_IN_BOX = 20_000
 """Points in the box around an object and its closed mesh: their overlap is accurate to 0.02 if they fill a twentieth of the box."""
 CHAMFER_FACTOR = 1000.0  # factor of Table 4's Chamfer distances
@@ -114,7 +114,7 @@ class GraspProtocol(Protocol):
         }
 
     def part_figures(self, distances: CloudDistances, object_id: str, first: int) -> dict[str, float]:
-        """Compute the mean distances of the parts of an object's surface that have points, where objects have sizes of their own."""
+        """Compute the mean distances of the parts of an object's surface that have points, where not all were scaled to 0.5 m."""
         masks = self.parts.masks(object_id, first) if self.parts else {}
         return {f"{part}_distance": float(np.sqrt(distances.truth[mask]).mean()) for part, mask in masks.items() if mask.any()}
 
@@ -182,7 +182,7 @@ class GraspProtocol(Protocol):
         return closed
 
     def baselines(self) -> dict[str, Figures]:
-        """Measure shapes too, where objects have sizes of their own."""
+        """Measure training objects and, where not all objects were scaled to 0.5 m, shapes."""
         shapes = shape_baselines(self.parts) if self.parts else []
         measured = {shape.name: Figures(self.objects.object_ids, measure(shape, self, self.job)[0]) for shape in shapes}
         return self.retrieved() | measured
