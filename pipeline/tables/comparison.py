@@ -11,7 +11,7 @@ from pipeline.console import Table, abbreviate
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.validate import check_origins
-from stages.evaluate.baselines import is_baseline
+from stages.evaluate.baselines import BASELINE_PREFIX
 from stages.evaluate.evaluation_files import SHIPPED_ROWS, SHIPPED_SCORES, Figures, read_figures, read_root, read_table
 from stages.evaluate.scores import shipped_digest
 
@@ -49,7 +49,7 @@ def comparable_figures(
             for name, inputs in read_root(other)["configurations"].items():
                 label = f"{name}, scored" if name in inputs_by_name else name
                 inputs_by_name[label], figures[label] = inputs, theirs[name]
-                figures = {**{key: theirs[key] for key in theirs if is_baseline(key)}, **figures}
+                figures = {**{key: theirs[key] for key in theirs if key.startswith(BASELINE_PREFIX)}, **figures}
     firsts = [figures[name].firsts(number) for name in inputs_by_name for number in figures[name].grasps]
     common = set.intersection(*firsts)
     if all(grasps == common for grasps in firsts):

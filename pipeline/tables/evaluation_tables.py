@@ -18,7 +18,7 @@ from pipeline.rng import numpy_rng
 from pipeline.tables.comparison import about_rows, comparable_figures
 from pipeline.tables.part_tables import part_tables
 from pipeline.tables.supplement_figures import PAPER, TABLE_2, TABLE_3, TABLE_4
-from stages.evaluate.baselines import BASELINE_PREFIX, is_baseline, label
+from stages.evaluate.baselines import BASELINE_PREFIX, label
 from stages.evaluate.evaluation_files import Arrays, Figures, has_table, read_figures, read_root, read_table
 from stages.evaluate.protocols import NEAR, NEAR_SHARE
 
@@ -61,8 +61,7 @@ class GraspTables:
         self.every: Networks = {name: figures[name] for name in inputs}
         self.networks = {name: network for name, network in self.every.items() if 1 in network.grasps}
         self.touch_networks = {name: self.every[name] for name in inputs if inputs[name]["touch"]}
-        self.baselines = {name: network for name, network in figures.items() if is_baseline(name)}
-        self.retrieved = {name: network for name, network in self.baselines.items() if name.startswith(BASELINE_PREFIX)}
+        self.baselines = {name: network for name, network in figures.items() if name.startswith(BASELINE_PREFIX)}
         categories = np.array(self.objects["category"])
         members = {str(name): categories == name for name in np.unique(categories)} | {TOTAL: np.full(len(categories), True)}
         self.members = {f"{name} ({member.sum()})": member for name, member in members.items()}  # by class and its number of objects
@@ -95,7 +94,7 @@ class GraspTables:
             yield self._modalities()
             if self.paper:
                 yield self._f1()
-        if self.retrieved:
+        if self.baselines:
             yield self._baselines()
         if self.networks:
             yield from self._surfaces()
@@ -119,7 +118,7 @@ class GraspTables:
             fewest = figures.grasps[0]
             cells = [self._estimate(figures.per_object(metric, fewest), factor) for metric, factor in (*ACCURACY.values(), CHAMFER)]
             cells += [self._estimate(_shared(figures, metric, fewest), factor) for metric, factor in SHARED.values()]
-            rows.append(Row([label(name) if fewest == 1 else f"{name}, {fewest} grasps", *cells], dim=is_baseline(name)))
+            rows.append(Row([label(name) if fewest == 1 else f"{name}, {fewest} grasps", *cells], dim=name.startswith(BASELINE_PREFIX)))
         best = [
             (1e3 * sampling_distance(area, points), *(100 * sampling_share(area, points, limit) for limit in (NEAR, NEAR_SHARE * diagonal)))
             for area, diagonal in zip(self.objects["area"].tolist(), self.objects["diagonal"].tolist(), strict=True)
@@ -196,7 +195,7 @@ class GraspTables:
         return Table(title, ["model", *self.members, "all, m²"], rows, ["", *[".3f"] * len(self.members), ".3e"])
 
     def _baselines(self) -> Table:
-        rows = [row for name, figures in self.retrieved.items() for row in self._chamfer_rows(label(name), figures)]
+        rows = [row for name, figures in self.baselines.items() for row in self._chamfer_rows(label(name), figures)]
         chosen = f"one of {pluralise(self.root['training_objects'], 'training object')}"
         title = f"Baselines: Chamfer distance × {TABLE_3_FACTOR:.0f}, m², of {chosen} in place of each reconstruction"
         return Table(title, ["chosen", *self.members], rows, ["", *[".3f"] * len(self.members)])

@@ -1,4 +1,4 @@
-"""Baselines: a training object retrieved in place of a reconstruction, and the names of all baselines."""
+"""Baselines: a training object retrieved in place of a reconstruction."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -20,31 +20,21 @@ POINTS = 1000  # points per object that the search compares; the retrieved objec
 BLOCK = 500  # training objects that are in memory at a time, a tenth of a megabyte each, with their silhouettes
 CANDIDATES = 200  # training objects, spread evenly, among which the typical one is chosen: each is compared with each
 MASKS = 64  # test objects whose silhouettes are compared at a time
-BASELINE_PREFIX = "training object, "  # prefix of the name of each of these baselines
-SHAPE_PREFIX = "shape, "  # prefix of those of `shape_baselines.py`
+BASELINE_PREFIX = "training object, "  # prefix of the name of each baseline
 LABELS = {
     "typical": "typical training object",
     "by silhouette": "training object of the most similar silhouette",
     "by touch": "training object nearest to the touches",
     "by truth": "nearest training object",
-    "extruded": "silhouette beside the hand, extruded",
-    "mirrored": "visible surface by exact depth, mirrored",
-    "smooth through touches": "Gaussian process through touches",
-    "smooth through touches and depth": "Gaussian process through touches and exact depth",
 }
-"""Labels of baselines in tables, by method of choice or kind of shape."""
+"""Labels of baselines in tables, by method of choice."""
 
 Silhouettes = Callable[[str], NDArray[np.bool_]]  # reads the silhouettes of an object, (view, pixel)
 
 
 def label(name: str) -> str:
     """Label a network, or a baseline, for a table."""
-    return f"baseline: {LABELS[name.partition(', ')[2]]}" if is_baseline(name) else name
-
-
-def is_baseline(name: str) -> bool:
-    """Whether a row of figures is a baseline's."""
-    return name.startswith((BASELINE_PREFIX, SHAPE_PREFIX))
+    return f"baseline: {LABELS[name.removeprefix(BASELINE_PREFIX)]}" if name.startswith(BASELINE_PREFIX) else name
 
 
 def retrieved_by(image: object, touch: bool) -> str:

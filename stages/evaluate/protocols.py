@@ -32,8 +32,7 @@ from pipeline.rng import numpy_rng
 from schemas.charts import StopRule
 from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
-from stages.evaluate.measure import Case, MeasuredCase, Method, Protocol, measure
-from stages.evaluate.shape_baselines import shape_baselines
+from stages.evaluate.measure import Case, MeasuredCase, Method, Protocol
 from stages.evaluate.surface_parts import SurfaceParts
 
 NEAR, NEAR_SHARE = 5e-3, 0.01  # distances of the F-scores: m, and a share of the object's diagonal
@@ -59,7 +58,7 @@ class GraspProtocol(Protocol):
             arrays += ["segmentation"] if images else []
         super().__init__(job, arrays, ["points", "segmentation"] if images else ["points"])
         self.takes_image, self.takes_touch = bool(images), takes_touch
-        self.parts = SurfaceParts(self.objects, image=bool(images), touch=takes_touch, seed=job.seed) if has_sizes else None
+        self.parts = SurfaceParts(self.objects, image=bool(images), touch=takes_touch) if has_sizes else None
         self.true_area = cache(lambda name: sampled_area(self.objects.points(name), self.objects.normals(name)))  # m²
         attributes = {"grasps": self.objects.attributes("grasps")}
         self.sensors = self.objects.sensors() if takes_touch else grasping_sensors(attributes)
@@ -182,13 +181,6 @@ class GraspProtocol(Protocol):
         return closed
 
     def baselines(self) -> dict[str, Figures]:
-        """Measure training objects and, where not all objects were scaled to 0.5 m, shapes."""
-        shapes = shape_baselines(self.parts) if self.parts else []
-        measured = {shape.name: Figures(self.objects.object_ids, measure(shape, self, self.job)[0]) for shape in shapes}
-        return self.retrieved() | measured
-
-    def retrieved(self) -> dict[str, Figures]:
-        """Measure training objects in place of reconstructions; in parts of a surface, those of the first grasp."""
         if self.training is None:
             return {}
         images = ObjectRows(self.job.data, ["segmentation"], None) if self.takes_image else None

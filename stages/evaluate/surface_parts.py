@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.geometry.exterior_sampling import RAY_OFFSET, RayScene
-from pipeline.kernels.geometry.mesh import Mesh, face_cross_products, sample_triangles
+from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import unit_vectors
 from pipeline.kernels.metrics.nearest_points import Cloud
 from pipeline.kernels.vision.camera import project_points
@@ -17,7 +17,6 @@ from pipeline.kernels.vision.scene import Label
 from pipeline.kernels.vision.view_transfer import optical_centre
 from pipeline.models.families import ROWS
 from pipeline.models.observation import stored_observation
-from pipeline.rng import numpy_rng
 from stages.evaluate.measure import MeasuredObjects
 
 REACH = 0.01  # m from a touched point, within which a surface point is near the touch
@@ -32,9 +31,9 @@ class SurfaceParts:
     They are the same for all methods, whatever these are given, so that figures of a part can be compared.
     """
 
-    def __init__(self, objects: MeasuredObjects, *, image: bool, touch: bool, seed: int) -> None:
-        self.objects, self.image, self.touch, self.seed = objects, image, touch, seed
-        self.masks, self._scene = lru_cache(maxsize=16)(self._masks), lru_cache(maxsize=1)(self._traced)
+    def __init__(self, objects: MeasuredObjects, *, image: bool, touch: bool) -> None:
+        self.objects, self.image, self.touch = objects, image, touch
+        self.masks, self.traced = lru_cache(maxsize=16)(self._masks), lru_cache(maxsize=1)(self._traced)
 
     def _masks(self, object_id: str, grasp: int) -> dict[str, Mask]:  # (N,) of the object's points, by name
         points, masks = self.objects.points(object_id), dict[str, Mask]()
@@ -43,7 +42,7 @@ class SurfaceParts:
             squared = Cloud(touched).nearest(Cloud(points))[0] if len(touched) else np.full(len(points), np.inf)
             masks["near"] = squared <= REACH**2
         if self.image:
-            masks["hidden"] = hidden_points(points, self._scene(object_id)[1], *self.view(object_id, grasp))
+            masks["hidden"] = hidden_points(points, self.traced(object_id)[1], *self.view(object_id, grasp))
         if self.touch and self.image:
             masks["hidden_near"] = masks["hidden"] & masks["near"]
         return masks
@@ -59,17 +58,6 @@ class SurfaceParts:
         cameras, shown = (self.objects.read(name, object_id, camera=0) for name in ("projection", "segmentation"))
         view = 1 + grasp if len(cameras) > 1 else 0
         return cameras[view], shown[view]
-
-    def visible(self, object_id: str, grasp: int) -> tuple[Array, Array]:  # (N, 3) each
-        """Draw points from the object's mesh, take those that the camera sees, and turn normals to it: exact depth."""
-        mesh, scene = self._scene(object_id)
-        camera, shown = self.view(object_id, grasp)
-        rng = numpy_rng(self.seed, "evaluate", "visible", object_id)
-        points, face = sample_triangles(mesh.triangles, self.objects.count, rng)
-        seen = ~hidden_points(points, scene, camera, shown)
-        normals = unit_vectors(face_cross_products(mesh.triangles[face[seen]]))
-        away = ((optical_centre(camera) - points[seen]) * normals).sum(axis=1) < 0
-        return points[seen], np.where(away[:, None], -normals, normals)
 
     def _traced(self, object_id: str) -> tuple[Mesh, RayScene]:
         mesh = read_mesh(self.objects.surface(object_id))

@@ -1,31 +1,43 @@
-"""Baselines that learn nothing: shapes that follow by a rule from a silhouette, from exact depth, or from touched points.
+"""Measure baselines that learn nothing, as rows of a dataset's tables: `python -m benchmarks.shape_baselines DATA`.
 
-They are told the middle and the diagonal of the object's bounding box, as networks are.
+Their shapes follow by a rule from a silhouette, from exact depth, or from touched points. They are told the middle and the diagonal of
+the object's bounding box, as networks are. `vt-pipeline report DATA` shows them beside the networks.
 """
 
+import argparse
+import hashlib
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import scipy
 from skimage.morphology import convex_hull_image
 
+from pipeline.config.settings import setting
+from pipeline.console import console, show_tables
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.geometry.level_set import level_set_mesh
-from pipeline.kernels.geometry.mesh import sample_triangles
+from pipeline.kernels.geometry.mesh import face_cross_products, sample_triangles
 from pipeline.kernels.geometry.mesh_cleaning import POSITION
 from pipeline.kernels.geometry.transforms import length, unit_vectors
 from pipeline.kernels.vision.scene import Label
 from pipeline.kernels.vision.view_transfer import optical_centre, split_projection
 from pipeline.models.reconstruction import Reconstruction
 from pipeline.rng import numpy_rng
-from stages.evaluate.baselines import SHAPE_PREFIX
-from stages.evaluate.measure import Case, Method, make_cases
-from stages.evaluate.surface_parts import SurfaceParts
+from pipeline.store.directory import DataDirectory
+from pipeline.tables.evaluation_tables import evaluation_tables
+from schemas.touch import TOUCH
+from schemas.vision import VISION
+from stages.evaluate.measure import Case, Method, Protocol, make_cases
+from stages.evaluate.protocols import GraspProtocol
+from stages.evaluate.scores import Score, measuring_settings
+from stages.evaluate.stage import GraspMeasuringSettings
+from stages.evaluate.surface_parts import SurfaceParts, hidden_points
 
-MOST = 500  # points that a Gaussian process goes through, and as many outside
+MOST = 300  # points that a Gaussian process goes through, and as many outside
 OUTSIDE = 0.01  # their distance from the surface over the object's diagonal
 CORRELATED = (0.125, 0.25, 0.5)  # lengths of covariances over the diagonal, of which the likeliest is taken
 NOISE = 1e-4  # variance of the values' noise over that of the process
@@ -33,14 +45,27 @@ CELLS = 40  # of the grid along the diagonal on which the surface is found
 BATCH = 4096  # points at which the process is computed at a time
 
 
+class ShapeSettings(GraspMeasuringSettings):
+    """Choose what is measured."""
+
+    rules: str = setting(..., "SHA-256 of this file", changes="definition")
+
+
 class ShapeBaseline(Method):
     """Makes points of a shape in place of each reconstruction."""
 
     image, touch = "occluded", False
-    inputs: Mapping[str, Any] = {}
+    parts: SurfaceParts
 
-    def __init__(self, parts: SurfaceParts) -> None:
-        self.parts = parts
+    def __init__(self) -> None:
+        self.inputs = {"image": self.image, "touch": self.touch}
+
+    def prepare(self, protocol: Protocol, grasps: int) -> None:
+        """Take the parts of the surface, and with them what is seen and felt."""
+        assert isinstance(protocol, GraspProtocol)
+        if protocol.parts is None:
+            raise InvalidInput(f"{protocol.job.data} has objects scaled to 0.5 m alone; these baselines are for sizes of their own")
+        self.parts, self.seed = protocol.parts, protocol.job.seed
 
     def cases(self, available: int, numbers: Sequence[int]) -> list[Case]:
         return make_cases(available, numbers, touch=self.touch, occluded=self.image is not None)
@@ -54,11 +79,22 @@ class ShapeBaseline(Method):
     def shape(self, object_id: str, case: Case, diagonal: float) -> Array:  # (N, 3) world, m
         """Make points of the shape of an object, none if nothing is known of it."""
 
+    def visible(self, object_id: str, grasp: int) -> tuple[Array, Array]:  # (N, 3) each
+        """Draw points from the object's mesh, take those that the camera sees, and turn normals to it: exact depth."""
+        mesh, scene = self.parts.traced(object_id)
+        camera, shown = self.parts.view(object_id, grasp)
+        rng = numpy_rng(self.seed, "shapes", "visible", object_id)
+        points, face = sample_triangles(mesh.triangles, self.parts.objects.count, rng)
+        seen = ~hidden_points(points, scene, camera, shown)
+        normals = unit_vectors(face_cross_products(mesh.triangles[face[seen]]))
+        away = ((optical_centre(camera) - points[seen]) * normals).sum(axis=1) < 0
+        return points[seen], np.where(away[:, None], -normals, normals)
+
 
 class Extruded(ShapeBaseline):
     """Extrudes the silhouette, with the part of its convex hull that the hand covers."""
 
-    name = f"{SHAPE_PREFIX}extruded"
+    name = "silhouette-extruded"
 
     def shape(self, object_id: str, case: Case, diagonal: float) -> Array:
         camera, shown = self.parts.view(object_id, case.first)
@@ -71,38 +107,31 @@ class Extruded(ShapeBaseline):
 class Mirrored(ShapeBaseline):
     """Mirrors the visible surface."""
 
-    name = f"{SHAPE_PREFIX}mirrored"
+    name = "exact-depth-mirrored"
 
     def shape(self, object_id: str, case: Case, diagonal: float) -> Array:
-        return mirrored(self.parts.visible(object_id, case.first)[0], self.parts.view(object_id, case.first)[0], POSITION)
+        return mirrored(self.visible(object_id, case.first)[0], self.parts.view(object_id, case.first)[0], POSITION)
 
 
 class Smooth(ShapeBaseline):
     """Lays a smooth surface through touched points."""
 
-    name, image, touch = f"{SHAPE_PREFIX}smooth through touches", None, True
+    name, image, touch = "gaussian-process-touch", None, True
 
     def shape(self, object_id: str, case: Case, diagonal: float) -> Array:
         clouds = [self.parts.touched(object_id, case.grasps)]
         if self.image:
-            clouds.append(self.parts.visible(object_id, case.first))
-        rng, cloud = numpy_rng(self.parts.seed, "evaluate", self.name, object_id), np.concatenate([np.hstack(pair) for pair in clouds])
+            clouds.append(self.visible(object_id, case.first))
+        rng, cloud = numpy_rng(self.seed, "shapes", self.name, object_id), np.concatenate([np.hstack(pair) for pair in clouds])
         points, normals = np.hsplit(rng.permutation(cloud)[:MOST], 2)
         vertices, faces = smooth_surface(points, normals, POSITION, diagonal)
         return sample_triangles(vertices[faces], self.parts.objects.count, rng)[0] if len(faces) else points
 
 
-class SmoothWithImage(Smooth):
+class SmoothWithDepth(Smooth):
     """Lays a smooth surface through touched and visible points."""
 
-    name, image = f"{SHAPE_PREFIX}smooth through touches and depth", "occluded"
-
-
-def shape_baselines(parts: SurfaceParts) -> list[ShapeBaseline]:
-    """Choose the baselines for the inputs of the measured methods."""
-    kinds: list[type[ShapeBaseline]] = [Extruded, Mirrored] if parts.image else []
-    kinds += [Smooth] if parts.touch else []
-    return [kind(parts) for kind in (*kinds, *([SmoothWithImage] if parts.image and parts.touch else []))]
+    name, image = "gaussian-process-exact-depth-touch", "occluded"
 
 
 def mirrored(
@@ -174,3 +203,19 @@ def smooth_surface(
 
     corner = np.full(3, 0.55 * diagonal)  # a tenth more than any object reaches
     return level_set_mesh(field, centre - corner, centre + corner, diagonal / CELLS, halvings=1, loose_pieces=False)
+
+
+def measure_shapes(data: Path) -> Path:  # the folder of the figures
+    """Measure all baselines on the test objects of a data directory."""
+    directory = DataDirectory(data)
+    rules = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+    numbers = GraspMeasuringSettings.model_fields["grasps"].default
+    settings = ShapeSettings(**(measuring_settings(directory) | {"grasps": numbers}), rules=rules)
+    score = Score("scores/shapes", [Extruded(), Mirrored(), Smooth(), SmoothWithDepth()], [TOUCH, VISION])
+    return directory.verified_folder(score.run(directory, settings, console))
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path)
+    show_tables(evaluation_tables(measure_shapes(parser.parse_args().data)))
