@@ -18,7 +18,7 @@ from pipeline.config.settings import setting
 from pipeline.console import console, show_tables
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import InvalidInput
-from pipeline.kernels.arrays import Array, Mask
+from pipeline.kernels.arrays import Array, Integers, Mask
 from pipeline.kernels.geometry.level_set import level_set_mesh
 from pipeline.kernels.geometry.mesh import face_cross_products, sample_triangles
 from pipeline.kernels.geometry.mesh_cleaning import POSITION
@@ -54,7 +54,8 @@ class ShapeSettings(GraspMeasuringSettings):
 class ShapeBaseline(Method):
     """Makes points of a shape in place of each reconstruction."""
 
-    image, touch = "occluded", False
+    image: str | None = "occluded"
+    touch = False
     parts: SurfaceParts
 
     def __init__(self) -> None:
@@ -116,7 +117,9 @@ class Mirrored(ShapeBaseline):
 class Smooth(ShapeBaseline):
     """Lays a smooth surface through touched points."""
 
-    name, image, touch = "gaussian-process-touch", None, True
+    name = "gaussian-process-touch"
+    image = None
+    touch = True
 
     def shape(self, object_id: str, case: Case, diagonal: float) -> Array:
         clouds = [self.parts.touched(object_id, case.grasps)]
@@ -131,7 +134,8 @@ class Smooth(ShapeBaseline):
 class SmoothWithDepth(Smooth):
     """Lays a smooth surface through touched and visible points."""
 
-    name, image = "gaussian-process-exact-depth-touch", "occluded"
+    name = "gaussian-process-exact-depth-touch"
+    image = "occluded"
 
 
 def mirrored(
@@ -173,7 +177,7 @@ def smooth_surface(
     normals: Array,  # (N, 3) unit, outwards
     centre: Array,  # (3,) of the object's bounding box
     diagonal: float,  # of the box, m
-) -> tuple[Array, Array]:  # vertices (V, 3), faces (F, 3): none without points, or if nothing is inside
+) -> tuple[Array, Integers]:  # vertices (V, 3), faces (F, 3): none without points, or if nothing is inside
     """Lay a smooth surface through points: where a Gaussian process is 0 (Williams and Fitzgibbon, 2007).
 
     Its mean is the distance to the sphere about the centre that is nearest to the points. It is 0 at the points, and `OUTSIDE` there.

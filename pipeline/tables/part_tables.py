@@ -22,7 +22,7 @@ def part_tables(
     baselines: Mapping[str, Figures],
     seed: int,
 ) -> Iterator[Table]:
-    """Make the tables of an evaluation of objects in sizes of their own."""
+    """Make the tables of an evaluation of objects that were not all scaled to one size."""
 
     def estimate(figures: Figures, grasps: int, metric: str, factor: float) -> Cell:
         values = figures.by_object(metric, grasps)
@@ -31,7 +31,7 @@ def part_tables(
     rows = []
     for name, figures in {**networks, **baselines}.items():
         for grasps in figures.grasps:
-            given = grasps if name in touch_networks or len(figures.grasps) > 1 else 0 if name in networks else None
+            given = grasps if name in touch_networks else 0 if name in networks else None
             whole, *parts = (estimate(figures, grasps, metric, 1e3) for metric in DISTANCES.values())
             median = 1e3 * float(np.median(figures.by_object("mean_distance", grasps)))
             shares = [estimate(figures, grasps, metric, 100) for metric in SHARES.values()]

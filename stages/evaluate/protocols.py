@@ -156,12 +156,10 @@ class GraspProtocol(Protocol):
         be closed. Surfaces so thin that no point is inside have no `iou`.
         """
         object_id, reconstruction = measured.object_id, measured.reconstruction
-        if not len(reconstruction.faces):
-            return {}
         if self.settings.closed_resolution:
             observation = method.observe(self.objects, object_id, measured.case)
             vertices, faces = close_reconstruction(reconstruction, self.settings.closed_resolution, observation)
-        elif reconstruction.is_whole:
+        elif reconstruction.is_whole and len(reconstruction.faces):
             vertices, faces = reconstruction.vertices, reconstruction.faces
         else:
             return {}
