@@ -1,7 +1,7 @@
 # Makes datasets and trained models with vt-pipeline. `make` lists the targets and the variables below.
 #
-#   MANIFEST=toy      which objects: toy, one-of-each, procedural, four-classes, weights, thirteen-classes, hand-sized, pybullet-objects, household, directory,
-#                     warehouse, single-image, or a YAML file
+#   MANIFEST=toy      which objects: toy, one-of-each, procedural, four-classes, weights, thirteen-classes, hand-sized, hand-sized-test, pybullet-objects, household,
+#                     directory, warehouse, single-image, or a YAML file
 #   PRESET=draft      draft, standard or paper
 #   DATA=...          data directory, or s3://BUCKET/PREFIX; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET
 #   OBJECTS=...       folder of meshes, for manifests that name none

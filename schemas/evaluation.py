@@ -25,6 +25,10 @@ QUALITY = {
 METRICS = {
     "mean_distance": ("m", "Mean nearest distance, the mean of both directions'."),
     "f_5mm": ("1", "F-score at 5 mm: harmonic mean of the shares of predicted and of true points within it of the other surface."),
+    "f_2mm": ("1", "F-score at 2 mm; as the next three, where not all objects were scaled to 0.5 m."),
+    "near_distance": ("m", "Mean distance to the reconstruction of true points within 10 mm of those that the first grasp touched."),
+    "hidden_distance": ("m", "Of true points that the camera does not see in the image with the hand in the first grasp."),
+    "hidden_near_distance": ("m", "Of those that are both."),
     "f_1percent": ("1", "F-score at 1 % of the object's diagonal."),
     "chamfer": ("m2", "Chamfer distance: mean squared nearest distance, both directions summed."),
     "precision": ("1", "Share of predicted points within the squared distance tau of the truth; `precision_2tau` within twice it."),

@@ -17,6 +17,7 @@ def test_every_built_in_manifest_loads():
     assert names == [
         "directory",
         "four-classes",
+        "hand-sized-test",
         "hand-sized",
         "household",
         "one-of-each",
@@ -30,6 +31,14 @@ def test_every_built_in_manifest_loads():
     ]
     for name in names:
         assert load_manifest(name).name == name
+
+
+def test_hand_sized_test_is_hand_sized_and_a_source_to_test_on():
+    """Objects that are made and networks that are trained with the one stay those of the other."""
+    ours, theirs = load_manifest("hand-sized"), load_manifest("hand-sized-test")
+    *same, added = theirs.sources
+    assert (tuple(same), theirs.seed, theirs.splits) == (ours.sources, ours.seed, ours.splits)
+    assert (added.split, len(set(added.objects)), added.diagonals) == ("test", 30, (0.06, 0.2))
 
 
 def test_toy_needs_no_files_and_has_every_split():

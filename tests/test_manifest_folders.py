@@ -223,6 +223,13 @@ def test_empty_unit_in_a_catalogue_is_that_of_the_source(tmp_path):
     assert {item.object_id: item.source["metres_per_unit"] for item in objects} == {"a": 0.001, "b": 1.0}
 
 
+def test_named_objects_of_a_catalogue_are_taken_alone(tmp_path):
+    (tmp_path / "catalogue.csv").write_text("object_id,category,file,up\na,cup,a.obj,\nb,cup,b.obj,\nc,cup,c.obj,\n")
+    assert [item.object_id for item in manifest(folder("catalogue", objects=["c", "a"])).objects(tmp_path)] == ["a", "c"]
+    with pytest.raises(InvalidInput, match="the catalogue lists no d, e; correct `objects` of the source"):
+        manifest(folder("catalogue", objects=["e", "a", "d"])).objects(tmp_path)
+
+
 def test_name_that_is_not_utf8_is_refused(tmp_path):
     (tmp_path / os.fsdecode(b"caf\xe9.obj")).write_text(CUBE)
     with pytest.raises(InvalidInput, match=r"caf\\udce9\.obj' has bytes that are not UTF-8, or control characters, in its name; rename it"):

@@ -117,9 +117,16 @@ class Catalogue(FolderSource):
     """
 
     kind: Literal["catalogue"]
+    objects: tuple[str, ...] | None = Field(None, description="Ids of those that are taken; by default, all.")
 
     def list_objects(self, root: Path | None) -> Iterator[Object]:
         """List the objects of the catalogue in its order; one whose file is missing fails when it is read."""
+        items = [*self._listed(root)]
+        if self.objects is not None and (missing := sorted({*self.objects} - {item.object_id for item in items})):
+            raise InvalidInput(f"the catalogue lists no {abbreviate(missing)}; correct `objects` of the source, or complete the catalogue")
+        yield from (item for item in items if self.objects is None or item.object_id in self.objects)
+
+    def _listed(self, root: Path | None) -> Iterator[Object]:
         folder = self.folder(root, "a folder with a catalogue.csv (`make household` fills data/meshes/household)")
         file = folder / "catalogue.csv"
         try:

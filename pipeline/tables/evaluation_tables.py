@@ -16,6 +16,7 @@ from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, sampling_distance, sampling_share
 from pipeline.rng import numpy_rng
 from pipeline.tables.comparison import about_rows, comparable_figures
+from pipeline.tables.part_tables import part_tables
 from pipeline.tables.supplement_figures import PAPER, TABLE_2, TABLE_3, TABLE_4
 from stages.evaluate.baselines import BASELINE_PREFIX, label
 from stages.evaluate.evaluation_files import Arrays, Figures, has_table, read_figures, read_root, read_table
@@ -76,6 +77,8 @@ class GraspTables:
         if self.root["failed"]:
             yield Table(f"Failed: {', '.join(self.root['failed'])}")
         yield self._accuracy()
+        if not self.paper:
+            yield from part_tables(self.every, self.touch_networks, self.baselines, self.seed)
         if len(self.numbers) > 1:
             by_number: Columns = {str(number): (".2f", partial(self._distance, number, slice(None))) for number in self.numbers}
             yield tabulate("Mean distance, mm, by the number of grasps given", "model", self.touch_networks, by_number)

@@ -93,14 +93,21 @@ class Figures:
         """List a metric of the objects that have it: (object,); (0,) if it was not measured."""
         return self._values.get((metric, grasps), NOTHING)[1]
 
+    def by_object(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
+        """Compute the mean of a metric that not every case has: (object,); NaN for objects without it."""
+        numbers, values = self._values.get((metric, grasps), NOTHING)
+        counts = np.bincount(numbers, minlength=len(self.object_ids))
+        sums = np.bincount(numbers, weights=values, minlength=len(self.object_ids))
+        return np.divide(sums, counts, out=np.full(len(counts), np.nan), where=counts > 0)
+
     def ring(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Compute the local Chamfer distance in a ring, and count the touches with points in it: (object,) each.
 
         The distance is the mean over these touches, 0 without any.
         """
-        numbers, values = self._values.get((f"local_chamfer_{number}", 1), NOTHING)
-        sites = np.bincount(numbers, minlength=len(self.object_ids))
-        return np.bincount(numbers, weights=values, minlength=len(self.object_ids)) / np.maximum(sites, 1), sites
+        metric = f"local_chamfer_{number}"
+        sites = np.bincount(self._values.get((metric, 1), NOTHING)[0], minlength=len(self.object_ids))
+        return np.nan_to_num(self.by_object(metric)), sites
 
 
 def chamfer_by_object(folder: Path) -> dict[str, float]:

@@ -12,7 +12,7 @@ from pipeline.config.manifest import TOTAL
 from pipeline.console import abbreviate, pluralise
 from pipeline.dataset.grasps import grasp_counts, grasping_sensors
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.dataset.object_rows import ObjectRows, is_surface
+from pipeline.dataset.object_rows import ObjectRows, has_paper_sizes, is_surface
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import face_cross_products, is_watertight
@@ -33,8 +33,10 @@ from schemas.charts import StopRule
 from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
 from stages.evaluate.measure import Case, MeasuredCase, Method, Protocol
+from stages.evaluate.surface_parts import SurfaceParts
 
 NEAR, NEAR_SHARE = 5e-3, 0.01  # distances of the F-scores: m, and a share of the object's diagonal
+NEARER = 2e-3  # m, where not all objects were scaled to 0.5 m
 POINTS_IN_BOX = 20_000
 """Points in the box around an object and its closed mesh: their overlap is accurate to 0.02 if they fill a twentieth of the box."""
 CHAMFER_FACTOR = 1000.0  # factor of Table 4's Chamfer distances
@@ -52,8 +54,11 @@ class GraspProtocol(Protocol):
         arrays = ["points", "normals", "sensor_pose", "touch_success", *images, *(["projection"] if images else [])]
         if takes_touch:
             arrays += ["depth", "untouched", *(["vertices", "residual", "iterations", "stop_rule"] if charts else [])]
+        if has_sizes := not has_paper_sizes(job.data):
+            arrays += ["segmentation"] if images else []
         super().__init__(job, arrays, ["points", "segmentation"] if images else ["points"])
         self.takes_image, self.takes_touch = bool(images), takes_touch
+        self.parts = SurfaceParts(self.objects, image=bool(images), touch=takes_touch) if has_sizes else None
         self.true_area = cache(lambda name: sampled_area(self.objects.points(name), self.objects.normals(name)))  # m²
         attributes = {"grasps": self.objects.attributes("grasps")}
         self.sensors = self.objects.sensors() if takes_touch else grasping_sensors(attributes)
@@ -88,7 +93,9 @@ class GraspProtocol(Protocol):
             precision, recall = measured.distances.precision_recall(tau, settings.scale)
             f1 = measured.distances.f1(tau, settings.scale)
             distances |= {f"precision{suffix}": precision, f"recall{suffix}": recall, f"f1{suffix}": f1}
-        yield from ((first, metric, value) for first in case.firsts for metric, value in distances.items())
+        for first in case.firsts:
+            part_figures = self.part_figures(measured.distances, measured.object_id, first)
+            yield from ((first, metric, value) for metric, value in (distances | part_figures).items())
         if measured.is_first:
             appearance = self.appearance(measured) | self.closed(method, measured)
             yield from ((case.first, metric, value) for metric, value in appearance.items())
@@ -102,7 +109,13 @@ class GraspProtocol(Protocol):
             "f_5mm": distances.f1(NEAR**2),
             "f_1percent": distances.f1((NEAR_SHARE * self.objects.diagonal(object_id)) ** 2),
             "chamfer": distances.chamfer,
+            **({"f_2mm": distances.f1(NEARER**2)} if self.parts else {}),
         }
+
+    def part_figures(self, distances: CloudDistances, object_id: str, first: int) -> dict[str, float]:
+        """Compute the mean distances of the parts of an object's surface that have points, where not all were scaled to 0.5 m."""
+        masks = self.parts.masks(object_id, first) if self.parts else {}
+        return {f"{part}_distance": float(np.sqrt(distances.truth[mask]).mean()) for part, mask in masks.items() if mask.any()}
 
     def rings(self, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure the points of the object in rings around each touch of a case with one grasp."""
@@ -177,7 +190,7 @@ class GraspProtocol(Protocol):
         return retrieve(
             self.objects,
             self.training,
-            self.distance_figures,
+            lambda distances, name: self.distance_figures(distances, name) | self.part_figures(distances, name, 0),
             console=self.job.console,
             silhouettes=silhouettes if images else None,
             touched=[self._touched_points(object_id) for object_id in self.objects.object_ids] if self.takes_touch else None,

@@ -141,14 +141,11 @@ def orderings_table(verdicts: Sequence[Verdict]) -> list[Table]:
     rows = []
     for verdict in verdicts:
         difference, theirs = verdict.difference, None
-        ends = f" ({difference.low:+.3f} to {difference.high:+.3f})" if np.isfinite([difference.low, difference.high]).all() else ""
         if verdict.supplement is not None:
             smaller, larger = verdict.supplement
             theirs = f"{smaller:.3f} vs {larger:.3f}" + (" (not there either)" if smaller >= larger else "")
         ours = f"{verdict.smaller:.3f} vs {verdict.larger:.3f}"
-        rows.append(
-            Row([verdict.claim, ours, f"{difference.mean:+.3f}{ends}", difference.count, verdict.answer, *([theirs] if paper else [])])
-        )
+        rows.append(Row([verdict.claim, ours, difference.signed(".3f"), difference.count, verdict.answer, *([theirs] if paper else [])]))
     counts = Counter(verdict.answer for verdict in verdicts)
     answers = ", ".join(f"{counts[answer]} {answer}" for answer in get_args(Answer))
     return [Table(title, columns, rows), Table(f"{answers} of {len(verdicts)} (fewer than {MIN_OBJECTS} objects decide nothing)")]

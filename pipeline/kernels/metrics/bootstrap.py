@@ -24,6 +24,11 @@ class Interval:
         ends = f"\n({self.low:{form}}–{self.high:{form}})" if np.isfinite([self.low, self.high]).all() else ""
         return f"{self.mean:{form}}{ends}"
 
+    def signed(self, form: str) -> str:
+        """Write a difference and its ends with their signs."""
+        ends = f" ({self.low:+{form}} to {self.high:+{form}})" if np.isfinite([self.low, self.high]).all() else ""
+        return f"{self.mean:+{form}}{ends}"
+
 
 def mean_interval(values: Array, rng: np.random.Generator) -> Interval:
     """Compute a mean over objects, (N,), and trainings, (S, N), with its 95 % percentile bootstrap interval.
