@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -137,24 +138,39 @@ class ImplicitLearner(ReconstructionLearner):
         return torch.from_numpy(np.stack(queries)), torch.from_numpy(np.stack(distances))
 
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
-        """Read items as every family does, some of them at a wrong pose if the settings ask for it."""
+        """Read items as every family does, turned at random if cameras are anywhere, some at a wrong pose if the settings ask for it."""
+        batch = super().read(items, generators)
+        if self.config.of_camera:
+            batch = self._turned(batch)
+        return self._misplaced(batch) if self.settings.placement_error else batch
+
+    def _turned(self, batch: Batch) -> Batch:
+        """Turn each item about the vertical through its centre: which way an object faces is not known where its camera may be anywhere."""
+        import torch
+
+        observations, (queries, distances) = [], batch.targets
+        for number, (observation, generator) in enumerate(zip(batch.observations, batch.generators, strict=True)):
+            angle = 2 * math.pi * float(torch.rand((), generator=generator, dtype=torch.float64))
+            observations.append(replace(observation, turn=angle))
+            _move(queries, number, replace(observation, turn=angle, scale=1.0).placement(self.config.centre))
+        return Batch(observations, (queries, distances), batch.generators)
+
+    def _misplaced(self, batch: Batch) -> Batch:
+        """Move half of the items with image and touches to a wrong pose."""
         import torch
 
         from pipeline.training.items import draw_misplacement, misplace
 
-        batch, deviation = super().read(items, generators), self.settings.placement_error
-        if not deviation:
-            return batch
-        config = self.config
+        config, deviation = self.config, self.settings.placement_error
         observations, (queries, distances) = list(batch.observations), batch.targets
-        for number, (observation, generator) in enumerate(zip(batch.observations, generators, strict=True)):
+        for number, (observation, generator) in enumerate(zip(batch.observations, batch.generators, strict=True)):
             motion = draw_misplacement(deviation, config.centre, config.radius, generator)
             is_chosen = float(torch.rand((), generator=generator, dtype=torch.float64)) < MISPLACED
             if is_chosen and observation.image is not None and observation.touched.any():
                 observations[number] = misplace(observation.scaled(config.centre), motion, np.array(config.centre))
-                queries[number] = torch.from_numpy(transform_points(motion, queries[number].double().numpy()).astype(np.float32))
+                _move(queries, number, motion)
                 distances[number] *= float(motion[0, 0])  # the scale
-        return Batch(observations, (queries, distances), generators)
+        return Batch(observations, (queries, distances), batch.generators)
 
     def loss(self, network: Any, batch: Batch) -> Tensor:
         """Compute the mean absolute error of the distances within the band, as a share of the band."""
@@ -167,6 +183,13 @@ class ImplicitLearner(ReconstructionLearner):
     def errors(self, network: Any, batch: Batch) -> Tensor:
         """Give each item the mean error of the batch, (B,), as all items have the same number of points."""
         return self.loss(network, batch).expand(len(batch.observations))
+
+
+def _move(queries: Tensor, item: int, motion: np.ndarray) -> None:
+    """Move the points (N, 3) of an item, in place, by a similarity (4, 4)."""
+    import torch
+
+    queries[item] = torch.from_numpy(transform_points(motion, queries[item].double().numpy()).astype(np.float32))
 
 
 def nearest_rows(points: np.ndarray, touches: Sequence[Touch]) -> np.ndarray:  # (N / `NEAR_TOUCHES` or one more,) int64

@@ -72,6 +72,19 @@ def test_points_to_learn_at_can_be_drawn_near_touches(data):
     np.testing.assert_allclose(distances[0].numpy(), expected, rtol=1e-5)
 
 
+def test_objects_face_any_way_in_training_with_their_touches_and_cameras(data):
+    resolved = resolve("train-implicit", "draft", (*SETTINGS, "train-implicit.near_touches=1.0", "train-implicit.dropped_grasps=0.0"))
+    items = Items(data, "train", resolved.inputs, 2, learned=TrainImplicit.arrays)
+    learner = ImplicitLearner(ImplicitNetwork(resolved.network(5)), items, items, resolved, seed=0)
+    batch = learner.read([0, 1, 0], [torch.Generator().manual_seed(seed) for seed in range(3)])
+    assert len({seen.turn for seen in batch.observations}) == 3
+    for seen, queries in zip(batch.observations, batch.targets[0], strict=True):
+        middles = np.array([touch.points.mean(axis=0) for touch in seen.scaled(spheres.CENTRE).touches if touch.touched])
+        points = items.scaled(items.rows.read("query_points", "a"), "a")
+        here, anywhere = (np.median(cKDTree(middles).query(cloud)[0]) for cloud in (queries.numpy(), points))
+        assert here < 0.7 * anywhere
+
+
 def test_model_states_the_gels_that_it_learned_from_and_no_charts(data):
     trained = load_reconstructor(NAME, DataDirectory(data).verified_folder(f"models/implicit/{NAME}")).trained
     assert trained.charts is None
