@@ -20,8 +20,8 @@ import webdataset
 from pipeline.dataset.object_rows import ObjectRows
 from tests.contrib.exports.test_exports import FINGERS, vt
 from tests.contrib.exports.test_exports import elastic as data  # noqa: F401
-from tests.contrib.exports.test_slide_frames import SLIDES, STEPS
-from tests.contrib.exports.test_slide_frames import data as slides  # noqa: F401
+from tests.contrib.exports.test_sequence_frames import SLIDES, STEPS
+from tests.contrib.exports.test_sequence_frames import data as slides  # noqa: F401
 
 
 class ToTensor:

@@ -1,4 +1,4 @@
-"""Statistics of a dataset's grasps, beside Table 1 and section 1.6 of the supplement, of the hold test, and of slides."""
+"""Statistics of a dataset's grasps, beside Table 1 and section 1.6 of the supplement, of the hold test, of slides and lifts."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,11 +13,13 @@ from pipeline.console import Columns, Row, Table, tabulate
 from pipeline.dataset.grasps import grasp_counts
 from pipeline.dataset.object_rows import ObjectRows, has_paper_sizes, sensors_of
 from pipeline.kernels.touch.depth_maps import beyond_ranges
+from pipeline.kernels.touch.lift import rests
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location
 from pipeline.tables.supplement_figures import PAPER, TABLE_1, TOUCHES_PER_GRASP
+from schemas.catalogue import ARTIFACTS
 from schemas.grasps import GRASPS
-from schemas.slides import SLIDES
+from schemas.sequences import SEQUENCES
 from schemas.touch import TOUCH
 
 CONTACT_ARRAYS = ("contact_area", "opposition", "closure")
@@ -147,25 +149,45 @@ def _percent_row(name: str, shares: Sequence[float] | NDArray[np.float64]) -> Ro
     return Row([name, *(f"{share:.1f}" for share in shares)])
 
 
-def slide_tables(data: Location) -> list[Table]:
-    """Count the steps of slides by class, those not settled and those in gross slip; no table if there are no slides."""
-    if not (slides := DataDirectory(data).collection(SLIDES)).shards:
-        return []
-    stored = [name for name in ("slide_settled", "slide_gross_slip") if slides.first.has(name)]
-    rows, by_class = ObjectRows(data, stored, split=None), dict[str, list[NDArray[np.bool_]]]()
+def sequence_tables(data: Location) -> list[Table]:
+    """Count slides and lifts and their steps by class, those not settled and those in gross slip, and how lifts end; none if none are."""
+    return [table for kind in SEQUENCES if (table := _sequence_table(data, kind))]
+
+
+def _sequence_table(data: Location, kind: str) -> Table | None:
+    directory = DataDirectory(data)
+    collection = directory.collection(ARTIFACTS[SEQUENCES[kind]])
+    names = [f"{kind}_{name}" for name in ("settled", "gross_slip", "held", "imbalance", "weight")]  # slides have the first two
+    stored = [name for name in names if collection.shards and collection.first.has(name)]
+    if not stored:
+        return None
+    rows, by_class = ObjectRows(data, stored, split=None), dict[str, list[dict[str, NDArray[Any]]]]()
+    counts = grasp_counts(directory.collection(GRASPS), rows.object_ids) if kind == "lift" else {}
     for object_id, category in zip(rows.object_ids, rows.categories, strict=True):
-        by_class.setdefault(category, []).append(np.stack([rows.read(name, object_id) for name in stored]))
-    groups = {name: np.stack(flags) for name, flags in sorted(by_class.items())}  # (object, array, slide, step)
-    groups[TOTAL] = np.concatenate(list(groups.values()))
+        row = {name.removeprefix(f"{kind}_"): rows.read(name, object_id)[: counts.get(object_id)] for name in stored}
+        row |= {name: row[name].reshape(len(row[name]), -1, row[name].shape[-1]) for name in ("settled", "gross_slip") if name in row}
+        by_class.setdefault(category, []).append(row)
+    groups = {**dict(sorted(by_class.items())), TOTAL: [row for objects in by_class.values() for row in objects]}
+
+    def joint(objects: Sequence[Mapping[str, NDArray[Any]]], name: str) -> NDArray[Any]:  # (sequence, [sensor,] step)
+        return np.concatenate([row[name] for row in objects])
+
     columns: Columns = {
         "objects": ("", len),
-        "slides": ("", lambda flags: flags[:, 0, :, 0].size),
-        "steps": ("", lambda flags: flags[:, 0].size),
-        "steps not settled": ("", lambda flags: int((~flags[:, 0]).sum())),
+        f"{kind}s": ("", lambda objects: len(joint(objects, "settled"))),
+        "steps": ("", lambda objects: joint(objects, "settled")[:, 0].size),
+        "steps not settled": ("", lambda objects: int((~joint(objects, "settled")).any(axis=1).sum())),
     }
-    if "slide_gross_slip" in stored:
-        columns["% of steps in gross slip"] = (".1f", lambda flags: 100 * float(flags[:, 1].mean()))
-    return [tabulate("Slides", "class", groups, columns)]
+    if f"{kind}_gross_slip" in stored:
+        columns["% of steps in gross slip"] = (".1f", lambda objects: 100 * float(joint(objects, "gross_slip").any(axis=1).mean()))
+    if kind == "lift":
+        columns["% that end at rest"] = (".1f", lambda objects: 100 * float(np.mean(np.concatenate([_rests(row) for row in objects]))))
+        columns["% that slip out"] = (".1f", lambda objects: 100 * float((~joint(objects, "held")[:, -1]).mean()))
+    return tabulate(f"{kind.capitalize()}s", "class", groups, columns)
+
+
+def _rests(lifts: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:  # (lift,) at the end
+    return rests(*(lifts[name][..., -1] for name in ("held", "imbalance", "weight", "settled")))
 
 
 def gel_tables(touches: Touches) -> list[Table]:

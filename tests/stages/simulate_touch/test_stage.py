@@ -161,9 +161,9 @@ def test_lift_is_computed_on_request(tmp_path: Path) -> None:
 
 def test_lift_takes_mass_and_friction_from_the_grasps(tmp_path: Path) -> None:
     soft = coarse_elastic(tmp_path)
-    grasps = {"hand": {"sensor_files": [soft] * 4}, "settings": {"hold_mass": 0.3, "hand": "allegro_right"}}
+    grasps = {"hand": {"sensor_files": [soft] * 4}, "settings": {"hold_mass": 0.3, "hand": "allegro_right", "squeeze": 0.002}}
     resolved = STAGE.resolve_settings(TouchSettings(sequence="lift"), {"grasps": grasps})
-    assert (resolved.lift_mass, resolved.lift_friction) == (0.3, 0.5)
+    assert (resolved.lift_mass, resolved.lift_friction, resolved.lift_squeeze) == (0.3, 0.5, 0.002)
     known = Path(soft).read_text().replace("gel: {", "gel: {friction: 0.9, ")
     (tmp_path / "known.yaml").write_text(known)
     worn = TouchSettings(sequence="lift", sensors=(str(tmp_path / "known.yaml"),) * 4, lift_mass=1.0)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import zarr
 
-from pipeline.contrib.exports.slide_frames import SlideFrames, open_frames
+from pipeline.contrib.exports.sequence_frames import SlideFrames, open_frames
 from pipeline.dataset.object_rows import ObjectRows
 from schemas.presses import PRESSED
 from tests.command_line import vt

@@ -7,10 +7,10 @@ import pytest
 from PIL import Image
 
 from pipeline.drawing.contact_sheet import slide_animation
-from pipeline.drawing.slide_pictures import animate_slides
+from pipeline.drawing.sequence_pictures import animate_slides
 from pipeline.formats.sensor_file import load_sensor
 from tests.command_line import vt
-from tests.contrib.exports.test_slide_frames import SLIDES, SMALL, STEPS, data  # noqa: F401
+from tests.contrib.exports.test_sequence_frames import SLIDES, SMALL, STEPS, data  # noqa: F401
 from tests.stages.tiny_dataset import manifest, run_stage
 
 SENSOR = load_sensor("gelsight", shape=(30, 40))
