@@ -201,7 +201,7 @@ def _describe_lifts(shard: Shard) -> Iterator[str]:
         f"{rest.sum()} of {pluralise(rest.size, 'lift')} end at rest, gels and weight balanced to {100 * AT_REST:g} %; in "
         f"{(~held[..., -1]).sum()} the object slips out"
     )
-    yield from unsettled_remarks(settled, "lift_settled")
+    yield from unsettled_remarks(settled.all(axis=-2), "lift_settled")
 
 
 def _touch(
