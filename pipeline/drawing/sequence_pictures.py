@@ -89,22 +89,24 @@ def animate(sequences: Sequence[Drawn]) -> bytes:
 
 def _panels(axes: Mapping[str, Axes], drawn: Drawn) -> list[Show]:
     """Draw a sequence's first step: image and field of each sensor, and forces."""
-    shows = []
+    shows, forces, lines = [], axes["forces"], {}
     for s, (sensor, (name, touches)) in enumerate(zip(drawn.sensors, drawn.touches.items(), strict=True)):
-        shows += [draw_image(axes[f"image {s}"], touches, name), draw_field(axes[f"field {s}"], touches, sensor)]
-    forces = axes["forces"]
+        shows += [_image(axes[f"image {s}"], touches["tactile_image"], name), draw_field(axes[f"field {s}"], touches, sensor)]
+        lines[f"{name}, normal, N"] = -touches["force"][:, 2]
     forces.set_title(visible(drawn.title), fontsize=8, loc="left", parse_math=False)
-    return [*shows, draw_forces(forces, touches) if drawn.weight is None else draw_weight(forces, drawn.touches, drawn.weight)]
+    if drawn.weight is None:
+        return [*shows, draw_forces(forces, touches)]
+    lines |= {"gels carry, N": drawn.weight[1], "weight, N": drawn.weight[0]}
+    return [*shows, _curves(forces, touches["time"], lines, dashed="weight, N")]
 
 
-def draw_image(axes: Axes, touches: Touches, title: str) -> Show:
-    """Draw the tactile image of the first step."""
-    picture = axes.imshow(touches["tactile_image"][0])
+def _image(axes: Axes, images: np.ndarray, title: str) -> Show:
+    picture = axes.imshow(images[0])
     axes.set_title(visible(title), fontsize=8, loc="left", parse_math=False)
     axes.set_axis_off()
 
     def show(step: int) -> list[Any]:
-        picture.set_data(touches["tactile_image"][step])
+        picture.set_data(images[step])
         return [picture]
 
     return show
@@ -145,17 +147,6 @@ def draw_forces(axes: Axes, touches: Touches) -> Show:
     force = touches["force"]
     lines = {"normal, N": -force[:, 2], "along x, N": force[:, 0], "along y, N": force[:, 1], "torque, mN·m": 1e3 * touches["torque"]}
     return _curves(axes, touches["time"], lines, dashed="torque, mN·m")
-
-
-def draw_weight(
-    axes: Axes,
-    touches: Mapping[str, Touches],
-    weight: np.ndarray,  # (2, steps) N, on the gels, and what these carry
-) -> Show:
-    """Draw the normal force of each gel over time, and what the gels carry against the weight; and a line at the first step."""
-    lines = {f"{name}, normal, N": -of_one["force"][:, 2] for name, of_one in touches.items()}
-    time = next(iter(touches.values()))["time"]
-    return _curves(axes, time, lines | {"gels carry, N": weight[1], "weight, N": weight[0]}, dashed="weight, N")
 
 
 def _curves(axes: Axes, time: np.ndarray, lines: Mapping[str, np.ndarray], *, dashed: str) -> Show:

@@ -151,43 +151,46 @@ def _percent_row(name: str, shares: Sequence[float] | NDArray[np.float64]) -> Ro
 
 def sequence_tables(data: Location) -> list[Table]:
     """Count slides and lifts and their steps by class, those not settled and those in gross slip, and how lifts end; none if none are."""
-    return [table for kind in SEQUENCES if (table := _sequence_table(data, kind))]
+    directory, tables = DataDirectory(data), []
+    for kind, artifact in SEQUENCES.items():
+        collection = directory.collection(ARTIFACTS[artifact])
+        names = [f"{kind}_{name}" for name in ("settled", "gross_slip", "held", "imbalance", "weight")]  # slides have the first two
+        stored = [name for name in names if collection.shards and collection.first.has(name)]
+        if stored:
+            rows = ObjectRows(data, stored, split=None)
+            counts = grasp_counts(directory.collection(GRASPS), rows.object_ids) if kind == "lift" else {}
+            tables.append(_sequence_table(rows, kind, counts))
+    return tables
 
 
-def _sequence_table(data: Location, kind: str) -> Table | None:
-    directory = DataDirectory(data)
-    collection = directory.collection(ARTIFACTS[SEQUENCES[kind]])
-    names = [f"{kind}_{name}" for name in ("settled", "gross_slip", "held", "imbalance", "weight")]  # slides have the first two
-    stored = [name for name in names if collection.shards and collection.first.has(name)]
-    if not stored:
-        return None
-    rows, by_class = ObjectRows(data, stored, split=None), dict[str, list[dict[str, NDArray[Any]]]]()
-    counts = grasp_counts(directory.collection(GRASPS), rows.object_ids) if kind == "lift" else {}
-    for object_id, category in zip(rows.object_ids, rows.categories, strict=True):
-        row = {name.removeprefix(f"{kind}_"): rows.read(name, object_id)[: counts.get(object_id)] for name in stored}
-        row |= {name: row[name].reshape(len(row[name]), -1, row[name].shape[-1]) for name in ("settled", "gross_slip") if name in row}
-        by_class.setdefault(category, []).append(row)
-    groups = {**dict(sorted(by_class.items())), TOTAL: [row for objects in by_class.values() for row in objects]}
+def _sequence_table(
+    rows: ObjectRows,
+    kind: str,
+    counts: Mapping[str, int],  # of the objects' lifts
+) -> Table:
+    groups = dict[str, list[dict[str, NDArray[np.bool_]]]]()  # flags by class and object: (sequence, step), or (sequence,) of its end
+    for object_id, category in sorted(zip(rows.object_ids, rows.categories, strict=True), key=lambda item: item[1]):
+        row = {name.partition("_")[2]: rows.read(name, object_id)[: counts.get(object_id)] for name in rows.arrays}
+        flags = {name: row[name] for name in ("settled", "gross_slip") if name in row}
+        if kind == "lift":  # which have a dimension of sensors
+            flags = {name: values.all(axis=1) if name == "settled" else values.any(axis=1) for name, values in flags.items()}
+            flags["rest"] = rests(*(row[name][..., -1] for name in ("held", "imbalance", "weight", "settled")))
+            flags["lost"] = ~row["held"][:, -1]
+        groups.setdefault(category, []).append(flags)
+    groups[TOTAL] = [flags for objects in groups.values() for flags in objects]
 
-    def joint(objects: Sequence[Mapping[str, NDArray[Any]]], name: str) -> NDArray[Any]:  # (sequence, [sensor,] step)
-        return np.concatenate([row[name] for row in objects])
+    def percent(name: str, objects: Sequence[Mapping[str, NDArray[np.bool_]]]) -> float:
+        return 100 * float(np.concatenate([flags[name] for flags in objects]).mean())
 
     columns: Columns = {
         "objects": ("", len),
-        f"{kind}s": ("", lambda objects: len(joint(objects, "settled"))),
-        "steps": ("", lambda objects: joint(objects, "settled")[:, 0].size),
-        "steps not settled": ("", lambda objects: int((~joint(objects, "settled")).any(axis=1).sum())),
+        f"{kind}s": ("", lambda objects: sum(len(flags["settled"]) for flags in objects)),
+        "steps": ("", lambda objects: sum(flags["settled"].size for flags in objects)),
+        "steps not settled": ("", lambda objects: int(sum((~flags["settled"]).sum() for flags in objects))),
     }
-    if f"{kind}_gross_slip" in stored:
-        columns["% of steps in gross slip"] = (".1f", lambda objects: 100 * float(joint(objects, "gross_slip").any(axis=1).mean()))
-    if kind == "lift":
-        columns["% that end at rest"] = (".1f", lambda objects: 100 * float(np.mean(np.concatenate([_rests(row) for row in objects]))))
-        columns["% that slip out"] = (".1f", lambda objects: 100 * float((~joint(objects, "held")[:, -1]).mean()))
+    shares = {"gross_slip": "% of steps in gross slip", "rest": "% that end at rest", "lost": "% that slip out"}
+    columns |= {label: (".1f", partial(percent, name)) for name, label in shares.items() if name in groups[TOTAL][0]}
     return tabulate(f"{kind.capitalize()}s", "class", groups, columns)
-
-
-def _rests(lifts: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:  # (lift,) at the end
-    return rests(*(lifts[name][..., -1] for name in ("held", "imbalance", "weight", "settled")))
 
 
 def gel_tables(touches: Touches) -> list[Table]:
