@@ -115,16 +115,17 @@ def test_summary_counts_lifts_and_animates_their_first_grasps(lifts):  # noqa: F
     output = vt("summary", lifts)
     (path,) = sequence_animations(lifts)
     assert path.name == "lifts.webp"
-    assert f"all 2 2 {2 * LIFT_STEPS} 0 " in output
+    rows = ObjectRows(lifts, ["lift_weight", "lift_imbalance", "lift_held", "lift_settled"], split=None)
+    unsettled = sum((~rows.read("lift_settled", name)).any(axis=1).sum() for name in rows.object_ids)
+    assert f"all 2 2 {2 * LIFT_STEPS} {unsettled} " in output
     assert "% that slip out" in output
     assert f"animation: {path}" in output
     assert "% successful" in output  # then the grasps
-    rows = ObjectRows(lifts, ["lift_weight", "lift_imbalance", "lift_held"], split=None)
     for object_id in rows.object_ids:
         drawn = first_sequence(rows.collections["touch"].view(object_id), "lift")
-        weight, imbalance, held = (rows.read(name, object_id, 0) for name in rows.arrays)
+        weight, imbalance, held = (rows.read(name, object_id, 0) for name in rows.arrays[:3])
         assert (drawn.weight[0] == weight).all()
-        assert (np.abs(drawn.weight[1] - weight)[held] <= imbalance[held] + 1e-5).all()  # what they carry, upwards
+        assert (np.abs(drawn.weight[1] - weight)[held] <= imbalance[held] + 1e-4).all()  # what they carry, upwards
 
 
 def test_steps_of_lifts_that_do_not_settle_are_flagged_and_counted(lifts, tmp_path, monkeypatch):  # noqa: F811

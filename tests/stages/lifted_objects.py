@@ -18,7 +18,7 @@ def coarse_gel(folder: Path, friction: float | None = 0.8) -> Path:
 
 def lift_assignments(sensor: Path) -> tuple[str, ...]:
     """Return the settings of the stages."""
-    touch = ("sequence=lift", f"lift_steps={STEPS}", f"lift_rate={RATE:g}", "lift_mass=0.02")
+    touch = ("sequence=lift", f"lift_steps={STEPS}", f"lift_rate={RATE:g}")
     return (f"simulate-grasps.sensor={sensor}", "simulate-grasps.grasps=1", *(f"simulate-touch.{text}" for text in touch))
 
 
