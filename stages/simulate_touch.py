@@ -169,7 +169,7 @@ class SimulateTouch(ObjectStage):
         """Estimate five grasps of four sensors."""
         lift = 0.0 if settings.sequence is None else settings.lift_steps / 32
         seconds, kilobytes = 0.03 if settings.tracer == "ray" else 0.7, 1600 if settings.store_points else 600
-        return Cost(seconds=seconds + 20 * lift, kilobytes=kilobytes + 20_000 * lift)
+        return Cost(seconds=seconds + 20 * lift, kilobytes=kilobytes + 80_000 * lift)
 
     @contextmanager
     def session(self, settings: TouchSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
@@ -259,8 +259,8 @@ def _lift(
     quantities = stored_quantities(settings.lift_store, sensors)
     rngs = [None if sensor.noise == "none" else unit.rng("lift", grasp, finger) for finger, sensor in enumerate(sensors)]
     touches, steps = [], []
-    path = {"squeeze": settings.lift_squeeze or 0.0, "steps": settings.lift_steps, "rate": settings.lift_rate}
-    for step in lift_object(body, list(poses), sensors, friction, **path):
+    squeeze, count, rate = settings.lift_squeeze or 0.0, settings.lift_steps, settings.lift_rate
+    for step in lift_object(body, list(poses), sensors, friction, squeeze=squeeze, steps=count, rate=rate):
         touches.append([measure_steps([touch], quantities, rng) for touch, rng in zip(step.touches, rngs, strict=True)])
         steps.append(step._replace(touches=()))
     by_sensor = list(zip(*touches, strict=True))
