@@ -4,7 +4,7 @@ import io
 import sys
 from pathlib import Path
 
-from PIL import Image
+from PIL import Image, ImageSequence
 
 from pipeline.dataset.completed_objects import CompletedObjects
 from pipeline.drawing.sequence_pictures import animate, first_sequence
@@ -22,8 +22,8 @@ def main() -> None:
 def save_last(animation: bytes, path: Path) -> None:
     """Save the last frame of an animation."""
     with Image.open(io.BytesIO(animation)) as frames:
-        frames.seek(frames.n_frames - 1)
-        frames.convert("RGB").save(path, "WEBP", quality=80, method=6)
+        *_, last = ImageSequence.Iterator(frames)
+        last.convert("RGB").save(path, "WEBP", quality=80, method=6)
 
 
 if __name__ == "__main__":

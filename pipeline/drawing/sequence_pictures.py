@@ -152,7 +152,8 @@ def draw_forces(axes: Axes, touches: Touches) -> Show:
 def _curves(axes: Axes, time: np.ndarray, lines: Mapping[str, np.ndarray], *, dashed: str) -> Show:
     for label, values in lines.items():
         axes.plot(time, values, "--" if label == dashed else "-", label=visible(label), lw=1.2)
-    axes.legend(fontsize=6, loc="best", framealpha=0.6)
+    for text in axes.legend(fontsize=6, loc="best", framealpha=0.6).get_texts():
+        text.set_parse_math(False)
     axes.tick_params(labelsize=6)
     axes.set_xlim(time[0], time[-1])
     axes.set_xlabel("time, s", fontsize=7)

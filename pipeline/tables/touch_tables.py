@@ -168,18 +168,18 @@ def _sequence_table(
     kind: str,
     counts: Mapping[str, int],  # of the objects' lifts
 ) -> Table:
-    groups = dict[str, list[dict[str, NDArray[np.bool_]]]]()  # flags by class and object: (sequence, step), or (sequence,) of its end
+    groups = dict[str, list[dict[str, NDArray[Any]]]]()  # flags by class and object: (sequence, step), or (sequence,) of its end
     for object_id, category in sorted(zip(rows.object_ids, rows.categories, strict=True), key=lambda item: item[1]):
         row = {name.partition("_")[2]: rows.read(name, object_id)[: counts.get(object_id)] for name in rows.arrays}
-        flags = {name: row[name] for name in ("settled", "gross_slip") if name in row}
+        flags: dict[str, NDArray[Any]] = {name: row[name] for name in ("settled", "gross_slip") if name in row}
         if kind == "lift":  # which have a dimension of sensors
-            flags = {name: values.all(axis=1) if name == "settled" else values.any(axis=1) for name, values in flags.items()}
+            flags = {name: np.asarray(values.all(axis=1) if name == "settled" else values.any(axis=1)) for name, values in flags.items()}
             flags["rest"] = rests(*(row[name][..., -1] for name in ("held", "imbalance", "weight", "settled")))
             flags["lost"] = ~row["held"][:, -1]
         groups.setdefault(category, []).append(flags)
     groups[TOTAL] = [flags for objects in groups.values() for flags in objects]
 
-    def percent(name: str, objects: Sequence[Mapping[str, NDArray[np.bool_]]]) -> float:
+    def percent(name: str, objects: Sequence[Mapping[str, NDArray[Any]]]) -> float:
         return 100 * float(np.concatenate([flags[name] for flags in objects]).mean())
 
     columns: Columns = {

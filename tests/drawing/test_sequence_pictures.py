@@ -96,7 +96,7 @@ def test_slides_without_what_an_animation_shows_are_counted_only(tmp_path):
 
 def test_frames_of_a_lift_show_each_gel_and_what_they_carry_against_the_weight():
     steps = 4
-    fingers = {name: touches(steps) for name in ("index", "$thumb$ \x1b")}
+    fingers = {name: touches(steps) for name in ("index", "$\\frac$ \x1b")}
     fingers["index"]["tactile_image"][:] = 40
     weight = np.stack([np.linspace(0, 2, steps), np.linspace(2, 0, steps)])
     frames = frames_of(animate([Drawn("ball, first grasp", fingers, [SENSOR] * 2, weight)]))

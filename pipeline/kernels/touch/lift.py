@@ -63,13 +63,14 @@ def freed_object(
 
 
 def rests(
-    held: ArrayLike,
+    held: Mask | bool,
     imbalance: ArrayLike,  # N
     weight: ArrayLike,  # N
     settled: ArrayLike,  # (..., S) of the sensors
 ) -> Mask:
     """Check whether objects rest on gels, in a step of a lift."""
-    return np.asarray(held) & np.all(settled, axis=-1) & (np.asarray(imbalance) <= AT_REST * np.asarray(weight))
+    balanced = np.asarray(imbalance) <= AT_REST * np.asarray(weight)
+    return np.asarray(held & balanced & np.all(settled, axis=-1))
 
 
 def lift_object(
