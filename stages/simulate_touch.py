@@ -75,8 +75,8 @@ class TouchSettings(ObjectSettings):
     lift_mass: float | None = setting(None, "kg of any object; null: simulate-grasps.hold_mass", gt=0, le=1000, changes="definition")
     lift_squeeze: float | None = setting(
         None,
-        "m that the gel pressed most would close until it pressed with nothing: motors are springs; 0: fingers stay still; null: "
-        "simulate-grasps.squeeze",
+        "m further along its normal at which the gel that is pressed most presses with nothing, for motors are springs; 0: fingers stay "
+        "still; null: simulate-grasps.squeeze",
         ge=0,
         le=1,
         changes="definition",

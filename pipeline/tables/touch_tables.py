@@ -163,14 +163,10 @@ def sequence_tables(data: Location) -> list[Table]:
     return tables
 
 
-def _sequence_table(
-    rows: ObjectRows,
-    kind: str,
-    counts: Mapping[str, int],  # of the objects' lifts
-) -> Table:
+def _sequence_table(rows: ObjectRows, kind: str, lifts: Mapping[str, int]) -> Table:
     groups = dict[str, list[dict[str, NDArray[Any]]]]()  # flags by class and object: (sequence, step), or (sequence,) of its end
     for object_id, category in sorted(zip(rows.object_ids, rows.categories, strict=True), key=lambda item: item[1]):
-        row = {name.partition("_")[2]: rows.read(name, object_id)[: counts.get(object_id)] for name in rows.arrays}
+        row = {name.partition("_")[2]: rows.read(name, object_id)[: lifts.get(object_id)] for name in rows.arrays}
         flags: dict[str, NDArray[Any]] = {name: row[name] for name in ("settled", "gross_slip") if name in row}
         if kind == "lift":  # which have a dimension of sensors
             flags = {name: np.asarray(values.all(axis=1) if name == "settled" else values.any(axis=1)) for name, values in flags.items()}
