@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from schemas.base import Array
 
+SEQUENCES = {"slide": "slides", "lift": "touch"}  # kinds of sequences, the prefixes of their arrays, and the artifacts that hold them
 ALWAYS = ("time", "pose", "settled")  # quantities that no setting leaves out
 
 

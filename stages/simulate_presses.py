@@ -1,78 +1,21 @@
 """`simulate-presses`: the images of random shapes, and of patches of each object, that are pressed into a gel without a hand."""
 
-from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from functools import partial
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import AfterValidator, Field
 
-from pipeline.config.settings import ObjectSettings, described_by, setting
-from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.engine.stage import Cost, Inputs, ObjectStage, Unit
+from pipeline.config.settings import setting
+from pipeline.engine.stage import Cost
 from pipeline.errors import InvalidInput
-from pipeline.formats.sensor_file import load_sensor, sensor_files
 from pipeline.kernels.touch.depth_maps import normal_force, press_gel, quantise_depth, scaled_gel
 from pipeline.kernels.touch.elastic_contact import check_layer
-from pipeline.kernels.touch.press_shapes import (
-    SHAPES,
-    PressRanges,
-    Relief,
-    draw_patch,
-    draw_shape,
-    first_that_fits,
-    known_shape,
-    press_drawn,
-)
-from pipeline.kernels.touch.ray_depth import box_faces
-from pipeline.kernels.touch.sensor import MAX_PIXELS_PER_SIDE, Sensor, resample_longer_side
+from pipeline.kernels.touch.press_shapes import PressRanges, Relief, first_that_fits, press_drawn
+from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.store.rows import Row
-from schemas.base import Artifact
 from schemas.presses import PRESSED, PRESSES
-from schemas.surfaces import SURFACES
-
-GEL_BITS, FAR_BITS = 26, 18
-"""Depths are stored in steps of 2^-26 m in the gel and of 2^-18 m beyond, as `simulate-touch` stores them."""
-
-
-def rising(limits: tuple[float, float]) -> tuple[float, float]:
-    """Return a range as it is; raise a `ValueError` if its ends are exchanged."""
-    if limits[0] > limits[1]:
-        raise ValueError(f"it is {list(limits)}; the least comes first, then the greatest")
-    return limits
-
-
-Positive = Annotated[float, Field(gt=0, le=10)]
-Range = Annotated[tuple[Positive, Positive], AfterValidator(rising)]
-DEFAULT = PressRanges()
-
-
-class GelSettings(ObjectSettings):
-    """The gel, and what is pressed into it without a hand."""
-
-    sensor: Annotated[str, described_by("sensor")] = setting(
-        "gelsight", "a calibrated one: photographs of your own sensor need the file of `calibrate-sensor`", changes="definition"
-    )
-    pixels: int | None = setting(
-        160,
-        "along the longer side, square ones: enough for what a gel shows, a sixteenth of a camera's bytes; null keeps the sensor's",
-        ge=8,
-        le=MAX_PIXELS_PER_SIDE,
-        changes="definition",
-    )
-    patches: float = setting(
-        0.2, "share of what is pressed that is a patch of the object itself; the rest are `shapes`", ge=0, le=1, changes="definition"
-    )
-    shapes: tuple[Annotated[str, AfterValidator(known_shape)], ...] = setting(
-        tuple(SHAPES), "all shapes: a network memorises a single one", min_length=1, changes="definition"
-    )
-    size: Range = setting(DEFAULT.size, "least and greatest radius of a shape, m: what fits on a gel of 2 cm", changes="definition")
-    depth: Range = setting(
-        DEFAULT.depth, "least and greatest depth of the deepest point in the gel, m: what hands and people press", changes="definition"
-    )
+from stages.pressing_stage import FAR_BITS, GEL_BITS, GelSettings, PressingStage, Range, pressed_sensor
 
 
 class PressSettings(GelSettings):
@@ -84,37 +27,6 @@ class PressSettings(GelSettings):
         "least and greatest factor of the membrane's width, or of an elastic gel's thickness, drawn per press; null: the sensor's gel",
         changes="definition",
     )
-
-
-class PressingStage(ObjectStage):
-    """A stage that presses shapes and patches of each object into a gel without a hand."""
-
-    def inputs(self, settings: GelSettings) -> tuple[Artifact, ...]:
-        return (SURFACES,)
-
-    def assets(self, settings: GelSettings) -> list[Path]:
-        return sensor_files([settings.sensor])
-
-    def attributes(self, settings: GelSettings) -> dict[str, Any]:
-        """Describe the sensor with the pixels of the images, as `simulate-touch` does those of the fingers."""
-        return {"sensors": [pressed_sensor(settings).model_dump(mode="json")]}
-
-    @abstractmethod
-    def count(self, settings: Any) -> int:
-        """Return the number of presses or slides per object."""
-
-    @abstractmethod
-    def draw(self, draw: Callable[..., Relief], sensor: Sensor, settings: Any, rng: np.random.Generator) -> Row:
-        """Press what `draw` draws, `draw_patch` of the object or `draw_shape`, and compute its arrays."""
-
-    def process(self, unit: Unit, inputs: Inputs, settings: GelSettings) -> Row:
-        view, sensor, rows = inputs["surfaces"], pressed_sensor(settings), []
-        patch = partial(draw_patch, box_faces(read_mesh(view).triangles), view["points"], view["normals"])
-        shape = partial(draw_shape, shapes=settings.shapes)
-        for number in range(self.count(settings)):
-            rng = unit.rng(self.name, number)
-            rows.append(self.draw(patch if rng.random() < settings.patches else shape, sensor, settings, rng))
-        return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 
 
 class SimulatePresses(PressingStage):
@@ -164,11 +76,3 @@ class SimulatePresses(PressingStage):
                 "press_force": np.array(normal_force(gel.pressure, sensor), np.float32),
             }
         return row
-
-
-def pressed_sensor(settings: GelSettings) -> Sensor:
-    """Load the sensor, with as many pixels as the settings say, and check that its gel is thicker than the deepest press."""
-    sensor = load_sensor(settings.sensor)
-    if settings.depth[1] >= (thickness := min(sensor.w, sensor.layer_thickness)):
-        raise InvalidInput(f"depth goes to {settings.depth[1]} m, the gel of {sensor.name} is {thickness} m thick; press less deep")
-    return sensor if settings.pixels is None else resample_longer_side(sensor, settings.pixels)

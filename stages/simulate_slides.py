@@ -30,7 +30,7 @@ from pipeline.store.shard import Shard
 from schemas.presses import PRESSED
 from schemas.sequences import ALWAYS
 from schemas.slides import SLIDES
-from stages.simulate_presses import FAR_BITS, GEL_BITS, GelSettings, PressingStage, Range, pressed_sensor, rising
+from stages.pressing_stage import FAR_BITS, GEL_BITS, GelSettings, PressingStage, Range, pressed_sensor, rising
 
 
 class SlideSettings(GelSettings):

@@ -19,7 +19,7 @@ from pipeline.engine.stage import Cost, Inputs, ObjectStage, Trade, Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files
 from pipeline.kernels.touch.elastic_contact import check_layer
-from pipeline.kernels.touch.lift import freed_object, lift_object
+from pipeline.kernels.touch.lift import AT_REST, freed_object, lift_object, rests
 from pipeline.kernels.touch.sensor import Friction, Sensor
 from pipeline.kernels.touch.sliding import CHOSEN, Quantity, known_friction, measure_steps, stored_quantities, unsettled_remarks
 from pipeline.store.directory import DataDirectory
@@ -30,8 +30,6 @@ from schemas.grasps import GRASPS
 from schemas.sequences import ALWAYS
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
-
-AT_REST = 0.02  # share of the weight within which the gels' forces carry an object that rests
 
 if TYPE_CHECKING:
     from pipeline.kernels.touch.ray_depth import BoxedFaces
@@ -75,11 +73,19 @@ class TouchSettings(ObjectSettings):
     )
     lift_rate: float = setting(32.0, "steps per second: the lift takes the second of the hold test", gt=0, le=1000, changes="definition")
     lift_mass: float | None = setting(None, "kg of any object; null: simulate-grasps.hold_mass", gt=0, le=1000, changes="definition")
+    lift_squeeze: float | None = setting(
+        None,
+        "m further along its normal at which the gel that is pressed most presses with nothing, for motors are springs; 0: fingers stay "
+        "still; null: simulate-grasps.squeeze",
+        ge=0,
+        le=1,
+        changes="definition",
+    )
     lift_friction: Friction | None = setting(
-        None, "coefficient of gel and object; null: the sensors', or the hand's, for all, if a sensor's file has none", changes="definition"
+        None, "coefficient of object and those gels whose sensors' files state none; null: the hand's", changes="definition"
     )
     lift_store: tuple[Quantity, ...] | None = setting(
-        ("tactile_image", "shear", "slip_share", "gross_slip", "force", "torque"),
+        ("tactile_image", "pressure", "shear", "slip", "slip_share", "gross_slip", "force", "torque"),
         f"what is computed and stored of each step beside {', '.join(ALWAYS)}, from {', '.join(CHOSEN)}; null: all but traction, and "
         "marker_displacement where the sensors have markers",
     )
@@ -104,7 +110,9 @@ class SimulateTouch(ObjectStage):
         sensors = settings.sensors or tuple(attributes["grasps"]["hand"]["sensor_files"])
         updates: dict[str, Any] = {"sensors": sensors}
         if settings.sequence is not None:
-            updates["lift_mass"] = settings.lift_mass or attributes["grasps"]["settings"]["hold_mass"]
+            grasps = attributes["grasps"]["settings"]
+            updates["lift_mass"] = settings.lift_mass or grasps["hold_mass"]
+            updates["lift_squeeze"] = grasps["squeeze"] if settings.lift_squeeze is None else settings.lift_squeeze
             gels = [sensor.gel for sensor in load_worn_sensors(sensors)]
             if settings.lift_friction is None and any(gel is not None and gel.friction is None for gel in gels):
                 updates["lift_friction"] = grasping_hand(attributes).friction
@@ -117,8 +125,10 @@ class SimulateTouch(ObjectStage):
         worn = load_worn_sensors(sensors)
         if settings.sequence is not None:
             for sensor in worn:
-                known_friction(sensor, settings.lift_friction)
+                known_friction(sensor, fallback=settings.lift_friction)
                 check_layer(sensor)
+            if settings.lift_friction is not None and all(sensor.gel and sensor.gel.friction is not None for sensor in worn):
+                raise InvalidInput(f"lift_friction is {settings.lift_friction}, but the files of all sensors state theirs; leave it out")
             stored_quantities(settings.lift_store, worn)
         same_fingers = list(map(mounted.index, mounted)) == list(map(sensors.index, sensors))
         if same_fingers and hand["sensor_digest"] == assets_digest(self.assets(settings)):  # even if the files were moved
@@ -159,7 +169,7 @@ class SimulateTouch(ObjectStage):
         """Estimate five grasps of four sensors."""
         lift = 0.0 if settings.sequence is None else settings.lift_steps / 32
         seconds, kilobytes = 0.03 if settings.tracer == "ray" else 0.7, 1600 if settings.store_points else 600
-        return Cost(seconds=seconds + 20 * lift, kilobytes=kilobytes + 20_000 * lift)
+        return Cost(seconds=seconds + 20 * lift, kilobytes=kilobytes + 80_000 * lift)
 
     @contextmanager
     def session(self, settings: TouchSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
@@ -186,12 +196,12 @@ class SimulateTouch(ObjectStage):
 def _describe_lifts(shard: Shard) -> Iterator[str]:
     """Count the lifts at whose end the object rests on the gels, or has slipped out, and the steps that did not settle."""
     held, weight, imbalance, settled = (shard.read(f"lift_{name}")[shard.read("ok")] for name in ("held", "weight", "imbalance", "settled"))
-    rest = held[..., -1] & (imbalance[..., -1] <= AT_REST * weight[..., -1])
+    rest = rests(held[..., -1], imbalance[..., -1], weight[..., -1], settled[..., -1])
     yield (
         f"{rest.sum()} of {pluralise(rest.size, 'lift')} end at rest, gels and weight balanced to {100 * AT_REST:g} %; in "
         f"{(~held[..., -1]).sum()} the object slips out"
     )
-    yield from unsettled_remarks(settled, "lift_settled")
+    yield from unsettled_remarks(settled.all(axis=-2), "lift_settled")
 
 
 def _touch(
@@ -245,11 +255,12 @@ def _lift(
 ) -> Row:
     """Compute the lift of one grasp."""
     body = freed_object(partial(_depth, faces, settings), points, settings.lift_mass or np.nan)
-    friction = [known_friction(sensor, settings.lift_friction) for sensor in sensors]
+    friction = [known_friction(sensor, fallback=settings.lift_friction) for sensor in sensors]
     quantities = stored_quantities(settings.lift_store, sensors)
     rngs = [None if sensor.noise == "none" else unit.rng("lift", grasp, finger) for finger, sensor in enumerate(sensors)]
     touches, steps = [], []
-    for step in lift_object(body, list(poses), sensors, friction, steps=settings.lift_steps, rate=settings.lift_rate):
+    squeeze, count, rate = settings.lift_squeeze or 0.0, settings.lift_steps, settings.lift_rate
+    for step in lift_object(body, list(poses), sensors, friction, squeeze=squeeze, steps=count, rate=rate):
         touches.append([measure_steps([touch], quantities, rng) for touch, rng in zip(step.touches, rngs, strict=True)])
         steps.append(step._replace(touches=()))
     by_sensor = list(zip(*touches, strict=True))

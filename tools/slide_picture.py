@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import vt_pipeline as vt
-from pipeline.drawing.slide_pictures import Touches, draw_field, draw_forces
+from pipeline.drawing.sequence_pictures import Touches, draw_field, draw_forces
 from pipeline.kernels.touch.sensor import Sensor
 from tools.picture_row import Panel, draw_row
 

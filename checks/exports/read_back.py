@@ -20,8 +20,8 @@ import webdataset
 from pipeline.dataset.object_rows import ObjectRows
 from tests.contrib.exports.test_exports import FINGERS, vt
 from tests.contrib.exports.test_exports import elastic as data  # noqa: F401
-from tests.contrib.exports.test_slide_frames import SLIDES, STEPS
-from tests.contrib.exports.test_slide_frames import data as slides  # noqa: F401
+from tests.contrib.exports.test_sequence_frames import LIFT_STEPS, RATE, SLIDES, STEPS, lifts  # noqa: F401
+from tests.contrib.exports.test_sequence_frames import data as slides  # noqa: F401
 
 
 class ToTensor:
@@ -186,6 +186,24 @@ def test_lerobot_reads_slides_as_episodes_in_their_time(lerobot, slides, tmp_pat
         image = (255 * item["observation.images.tactile_gelsight"]).round().permute(1, 2, 0).numpy()
         np.testing.assert_array_equal(image, stored_step(slides, "tactile_image", item))
         assert item["task"] == "slide over a bottle"
+
+
+def test_lerobot_reads_lifts_as_episodes_with_the_hand(lerobot, lifts, tmp_path):  # noqa: F811
+    vt("export", lifts, tmp_path / "out", "--to", "lerobot", "--of", "lifts")
+    window = {"observation.force_thumb": [-1 / RATE, 0.0]}
+    dataset = lerobot("vt/lifts", root=tmp_path / "out", video_backend="pyav", delta_timestamps=window)
+    assert (dataset.num_episodes, dataset.num_frames, dataset.fps) == (2, 2 * LIFT_STEPS, RATE)
+    rows = ObjectRows(lifts, ["lift_force", "lift_shear", "lift_weight", "joint_angles"], split=None)
+    thumb = 3
+    for number in (0, 3, 2 * LIFT_STEPS - 1):
+        item = dataset[number]
+        object_id, step = item["object_id"], int(item["step"])
+        force = rows.read("lift_force", object_id, 0)[thumb]
+        np.testing.assert_array_equal(item["observation.force_thumb"].numpy(), force[[max(step - 1, 0), step]])
+        np.testing.assert_array_equal(item["observation.shear_thumb"].numpy(), rows.read("lift_shear", object_id, 0)[thumb, step])
+        np.testing.assert_array_equal(float(item["weight"]), rows.read("lift_weight", object_id, 0)[step])
+        np.testing.assert_array_equal(item["observation.state"].numpy(), rows.read("joint_angles", object_id, 0).astype(np.float32))
+        assert item["task"] == "lift a bottle"
 
 
 def test_hugging_face_reads_steps_of_slides(slides, tmp_path):  # noqa: F811

@@ -102,16 +102,16 @@ def summary(
     data: DataArgument,
     most: Annotated[int, typer.Option(min=1, help="Maximum number of objects to draw, spread evenly.")] = 40,
 ) -> None:
-    """Print a dataset's statistics; draw contact sheets, and animations of slides."""
-    from pipeline.drawing.contact_sheet import SHOWN, contact_sheets, slide_animation
-    from pipeline.tables.touch_tables import read_touches, slide_tables, touch_tables
+    """Print a dataset's statistics; draw contact sheets, and animations of slides and lifts."""
+    from pipeline.drawing.contact_sheet import SHOWN, contact_sheets, sequence_animations
+    from pipeline.tables.touch_tables import read_touches, sequence_tables, touch_tables
 
     directory = as_location(data)
     DataDirectory(directory).check_exists()
     print_lines(directory.resolve())
-    if tables := slide_tables(directory):
+    if tables := sequence_tables(directory):
         show_tables(tables)
-        print_lines(*(f"animation: {path}" for path in slide_animation(directory)))
+        print_lines(*(f"animation: {path}" for path in sequence_animations(directory)))
         if not DataDirectory(directory).collection(ARTIFACTS["grasps"]).shards:
             return
     show_tables(touch_tables(read_touches(directory)))

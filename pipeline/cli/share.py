@@ -126,7 +126,7 @@ def export(
     ] = None,
     of: Annotated[
         str | None,
-        typer.Option(help="With --to lerobot, oxt, parquet, webdataset: grasps, or slides, a frame per step; by default grasps."),
+        typer.Option(help="With --to lerobot, oxt, parquet, webdataset: grasps, or slides or lifts, a frame per step; by default grasps."),
     ] = None,
     about: Annotated[
         Path | None, typer.Option(help="With --to parquet: a YAML file with title, creators, url, licence … for card and Croissant.")

@@ -1,4 +1,4 @@
-"""Contact sheets: the best grasp of each of some objects, and an animation of slides; drawn again only if the shown rows have changed."""
+"""Contact sheets: the best grasps of some objects, and animations of slides and lifts; drawn again only if the shown rows have changed."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -8,7 +8,6 @@ from pydantic import Field
 
 from pipeline.console import with_progress
 from pipeline.dataset.completed_objects import CompletedObjects
-from pipeline.dataset.object_rows import sensor_of
 from pipeline.drawing.picture_sheet import PICTURE, SheetRow, Tile, draw_sheet, spread_evenly
 from pipeline.drawing.written_files import WrittenFiles, read_list
 from pipeline.engine.keys import sources_hash
@@ -16,23 +15,25 @@ from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.atomic import atomic_writes
 from pipeline.store.digest import hashes_of
-from pipeline.store.directory import changed_files
+from pipeline.store.directory import DataDirectory, changed_files
 from pipeline.store.record import Sha256
+from pipeline.store.shard import RowView
 from pipeline.store.storage import Location, remove
+from schemas.catalogue import ARTIFACTS
+from schemas.sequences import SEQUENCES
 
 if TYPE_CHECKING:
     from pipeline.drawing.grasp_pictures import GraspPictures, Rows
 
 SHOWN = ("surfaces", "grasps", "vision", "touch")  # the artifacts that a contact sheet shows
-ANIMATION = "slides.webp"
-ANIMATED = 4  # objects whose first slide is animated
+ANIMATED = 4  # objects whose first slide or lift is animated
 
 
 class Sheets(WrittenFiles):
     """The sheets of a data directory; no other file of it is replaced or removed."""
 
     key: Sha256  # hash of all that they show
-    files: dict[Annotated[str, Field(pattern=r"^(contact-sheet(-[0-9]+)?\.png|slides\.webp)$")], Sha256]
+    files: dict[Annotated[str, Field(pattern=r"^(contact-sheet(-[0-9]+)?\.png|(slides|lifts)\.webp)$")], Sha256]
 
 
 def contact_sheets(data: Location, max_objects: int) -> list[Location]:
@@ -44,18 +45,22 @@ def contact_sheets(data: Location, max_objects: int) -> list[Location]:
     )
 
 
-def slide_animation(data: Location) -> list[Location]:
-    """Animate the first slide of a few objects; return the file's path, none if the slides lack an array that is shown."""
-    from pipeline.drawing.slide_pictures import animate_slides, are_drawable, first_slide
+def sequence_animations(data: Location) -> list[Location]:
+    """Animate the first slide and lift of a few objects; return the files' paths, none of a kind that lacks an array that is shown."""
+    from pipeline.drawing.sequence_pictures import animate, are_drawable, first_sequence
 
-    source = CompletedObjects(data, ["slides"])
-    slides, object_ids = source.collections["slides"], spread_evenly(source.object_ids, ANIMATED)
+    paths = list[Location]()
+    for kind, artifact in SEQUENCES.items():
+        if are_drawable(DataDirectory(data).collection(ARTIFACTS[artifact]), kind):
+            source = CompletedObjects(data, [artifact])
+            object_ids = spread_evenly(source.object_ids, ANIMATED)
+            views = [source.collections[artifact].view(object_id) for object_id in object_ids]
 
-    def draw(folder: Path) -> None:
-        shown = [first_slide(slides.view(object_id)) for object_id in object_ids]
-        (folder / ANIMATION).write_bytes(animate_slides(shown, sensor_of(slides.first)))
+            def draw(folder: Path, kind: str = kind, views: Sequence[RowView] = views) -> None:
+                (folder / f"{kind}s.webp").write_bytes(animate([first_sequence(view, kind) for view in views]))
 
-    return _drawn(source, object_ids, "slides.key", draw) if are_drawable(slides.first) else []
+            paths += _drawn(source, object_ids, f"{kind}s.key", draw)
+    return paths
 
 
 def _drawn(source: CompletedObjects, object_ids: Sequence[str], listed: str, draw: Callable[[Path], object]) -> list[Location]:

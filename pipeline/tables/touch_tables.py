@@ -1,4 +1,4 @@
-"""Statistics of a dataset's grasps, beside Table 1 and section 1.6 of the supplement, of the hold test, and of slides."""
+"""Statistics of a dataset's grasps, beside Table 1 and section 1.6 of the supplement, of the hold test, of slides and lifts."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,11 +13,13 @@ from pipeline.console import Columns, Row, Table, tabulate
 from pipeline.dataset.grasps import grasp_counts
 from pipeline.dataset.object_rows import ObjectRows, has_paper_sizes, sensors_of
 from pipeline.kernels.touch.depth_maps import beyond_ranges
+from pipeline.kernels.touch.lift import rests
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location
 from pipeline.tables.supplement_figures import PAPER, TABLE_1, TOUCHES_PER_GRASP
+from schemas.catalogue import ARTIFACTS
 from schemas.grasps import GRASPS
-from schemas.slides import SLIDES
+from schemas.sequences import SEQUENCES
 from schemas.touch import TOUCH
 
 CONTACT_ARRAYS = ("contact_area", "opposition", "closure")
@@ -147,25 +149,44 @@ def _percent_row(name: str, shares: Sequence[float] | NDArray[np.float64]) -> Ro
     return Row([name, *(f"{share:.1f}" for share in shares)])
 
 
-def slide_tables(data: Location) -> list[Table]:
-    """Count the steps of slides by class, those not settled and those in gross slip; no table if there are no slides."""
-    if not (slides := DataDirectory(data).collection(SLIDES)).shards:
-        return []
-    stored = [name for name in ("slide_settled", "slide_gross_slip") if slides.first.has(name)]
-    rows, by_class = ObjectRows(data, stored, split=None), dict[str, list[NDArray[np.bool_]]]()
-    for object_id, category in zip(rows.object_ids, rows.categories, strict=True):
-        by_class.setdefault(category, []).append(np.stack([rows.read(name, object_id) for name in stored]))
-    groups = {name: np.stack(flags) for name, flags in sorted(by_class.items())}  # (object, array, slide, step)
-    groups[TOTAL] = np.concatenate(list(groups.values()))
+def sequence_tables(data: Location) -> list[Table]:
+    """Count slides and lifts and their steps by class, those not settled and those in gross slip, and how lifts end; none if none are."""
+    directory, tables = DataDirectory(data), []
+    for kind, artifact in SEQUENCES.items():
+        collection = directory.collection(ARTIFACTS[artifact])
+        names = [f"{kind}_{name}" for name in ("settled", "gross_slip", "held", "imbalance", "weight")]  # slides have the first two
+        stored = [name for name in names if collection.shards and collection.first.has(name)]
+        if stored:
+            rows = ObjectRows(data, stored, split=None)
+            counts = grasp_counts(directory.collection(GRASPS), rows.object_ids) if kind == "lift" else {}
+            tables.append(_sequence_table(rows, kind, counts))
+    return tables
+
+
+def _sequence_table(rows: ObjectRows, kind: str, lifts: Mapping[str, int]) -> Table:
+    groups = dict[str, list[dict[str, NDArray[Any]]]]()  # flags by class and object: (sequence, step), or (sequence,) of its end
+    for object_id, category in sorted(zip(rows.object_ids, rows.categories, strict=True), key=lambda item: item[1]):
+        row = {name.partition("_")[2]: rows.read(name, object_id)[: lifts.get(object_id)] for name in rows.arrays}
+        flags: dict[str, NDArray[Any]] = {name: row[name] for name in ("settled", "gross_slip") if name in row}
+        if kind == "lift":  # which have a dimension of sensors
+            flags = {name: np.asarray(values.all(axis=1) if name == "settled" else values.any(axis=1)) for name, values in flags.items()}
+            flags["rest"] = rests(*(row[name][..., -1] for name in ("held", "imbalance", "weight", "settled")))
+            flags["lost"] = ~row["held"][:, -1]
+        groups.setdefault(category, []).append(flags)
+    groups[TOTAL] = [flags for objects in groups.values() for flags in objects]
+
+    def percent(name: str, objects: Sequence[Mapping[str, NDArray[Any]]]) -> float:
+        return 100 * float(np.concatenate([flags[name] for flags in objects]).mean())
+
     columns: Columns = {
         "objects": ("", len),
-        "slides": ("", lambda flags: flags[:, 0, :, 0].size),
-        "steps": ("", lambda flags: flags[:, 0].size),
-        "steps not settled": ("", lambda flags: int((~flags[:, 0]).sum())),
+        f"{kind}s": ("", lambda objects: sum(len(flags["settled"]) for flags in objects)),
+        "steps": ("", lambda objects: sum(flags["settled"].size for flags in objects)),
+        "steps not settled": ("", lambda objects: int(sum((~flags["settled"]).sum() for flags in objects))),
     }
-    if "slide_gross_slip" in stored:
-        columns["% of steps in gross slip"] = (".1f", lambda flags: 100 * float(flags[:, 1].mean()))
-    return [tabulate("Slides", "class", groups, columns)]
+    shares = {"gross_slip": "% of steps in gross slip", "rest": "% that end at rest", "lost": "% that slip out"}
+    columns |= {label: (".1f", partial(percent, name)) for name, label in shares.items() if name in groups[TOTAL][0]}
+    return tabulate(f"{kind.capitalize()}s", "class", groups, columns)
 
 
 def gel_tables(touches: Touches) -> list[Table]:

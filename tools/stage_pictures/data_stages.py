@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.contrib.report.figures import procedure_steps
 from pipeline.dataset.object_rows import ObjectRows, sensor_of
 from pipeline.drawing.colors import COLORS, depth_colors
-from pipeline.drawing.slide_pictures import first_slide
+from pipeline.drawing.sequence_pictures import first_sequence
 from pipeline.kernels.vision.camera import project_points, projection_matrix
 from pipeline.store.directory import DataDirectory
 from schemas.catalogue import ARTIFACTS
@@ -125,7 +125,7 @@ def draw_presses(subject: Subject, path: Path) -> None:
 def draw_slides(subject: Subject, path: Path) -> None:
     """Draw a step of each part of the first slide, and the forces over time: tactile images above motion and slip of the gel."""
     slides = subject.source.directory.collection(ARTIFACTS["slides"])
-    _, touches = first_slide(slides.view(subject.object_id))
+    (touches,) = first_sequence(slides.view(subject.object_id), "slide").touches.values()
     draw_row(slide_panels(touches, sensor_of(slides.first), {"pressed": 0.25, "slid": 0.5, "then twisted": 0.75}), path, columns=4)
 
 

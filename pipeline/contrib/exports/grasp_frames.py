@@ -1,6 +1,6 @@
 """Read a dataset as frames, here one per grasp, with the type, unit and meaning of each column, for every table format."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from typing import Any, Literal
@@ -12,6 +12,7 @@ from pipeline.console import pluralise, with_progress
 from pipeline.dataset.grasps import grasp_counts
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StoreError
+from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.directory import Collection, DataDirectory
 from pipeline.store.storage import Location
 from schemas.base import Array
@@ -47,9 +48,14 @@ class Frames:
     task: str  # what is done to the object
     fps: float = 1.0  # frames per second: grasps are not a film; each follows one second after the last
 
-    def __init__(self, data: Location, arrays: Sequence[str], main: Collection, prefix: str = "") -> None:
-        self.arrays, self._prefix, self._main = list(arrays), prefix, main  # columns are named without the prefix
-        self.rows = ObjectRows(data, [prefix + name for name in arrays], split=None)
+    def __init__(
+        self,
+        data: Location,
+        arrays: Mapping[str, str],  # as they are stored, by the names of their columns
+        main: Collection,
+    ) -> None:
+        self.arrays, self._main = arrays, main
+        self.rows = ObjectRows(data, list(arrays.values()), split=None)
         splits = {name: main.row(name).split for name in self.rows.object_ids}
         # by split, in order, without empty splits
         self.object_ids = {split: names for split in SPLITS if (names := [name for name, of in splits.items() if of == split])}
@@ -76,18 +82,30 @@ class Frames:
 
     def declaration(self, name: str) -> Array:
         """Find the declaration of an array."""
-        return artifact_of(self._prefix + name).arrays[self._prefix + name]
+        return artifact_of(self.arrays[name]).arrays[self.arrays[name]]
 
     def _frames_of(self, object_id: str) -> Iterator[list[dict[str, Any]]]:
         """Yield the frames of each episode of an object, without its names."""
         raise NotImplementedError
+
+    def _read_hand(self, grasps: Collection) -> dict[str, int]:
+        """Read the names of hand, sensors and joints; return the number of grasps by object."""
+        self.hand = str(grasps.first.attributes.get("hand", {}).get("name", "unknown"))
+        self.labels = {dim: tuple(str(name) for name in grasps.first.read(dim)) for dim in ("sensor", "joint")}
+        return grasp_counts(grasps, self.rows.object_ids)
+
+    def _name_sensors(self, sensors: Iterable[Sensor]) -> dict[str, str]:
+        """Add the columns with the names of the sensors; return their values."""
+        named = [Column("string", meaning=f"Name of the sensor on {finger}.") for finger in self.labels["sensor"]]
+        self.columns |= self._by_finger("sensor", named)
+        return self._by_finger("sensor", [sensor.name for sensor in sensors])
 
     def _describe(self, name: str, skipped: Sequence[str]) -> dict[str, Column]:
         """Describe the columns of an array by its schema; a frame has one entry along the skipped dimensions."""
         array, by_finger = self.declaration(name), name in self.by_finger
         dims = [dim for dim in array.dims if dim not in (*skipped, *(("sensor",) if by_finger else ()))]
         kind: Any = "image" if dims[-1:] == ["rgb"] else array.dtype
-        shape = tuple(self.rows.size(self._prefix + name, dim) for dim in dims)
+        shape = tuple(self.rows.size(self.arrays[name], dim) for dim in dims)
         column = Column(kind, shape, self.labels.get(dims[0], ()) if dims else (), array.units, array.description)
         if not by_finger:
             return {name: column}
@@ -115,18 +133,15 @@ class GraspFrames(Frames):
         grasps, touch, vision = (directory.collection(artifact) for artifact in (GRASPS, TOUCH, VISION))
         optional = {"held": grasps, **dict.fromkeys(BY_FINGER, touch), "unoccluded": vision, "occluded": vision}
         stored = [name for name, collection in optional.items() if collection.shards and collection.first.has(name)]
-        super().__init__(data, ["touch_success", "joint_angles", "hand_pose", "sensor_pose", *stored], grasps)
-        self.labels = {dim: tuple(str(name) for name in grasps.first.read(dim)) for dim in ("sensor", "joint")}
-        self.grasps = grasp_counts(grasps, self.rows.object_ids)
+        arrays = ("touch_success", "joint_angles", "hand_pose", "sensor_pose", *stored)
+        super().__init__(data, dict(zip(arrays, arrays, strict=True)), grasps)
+        self.grasps = self._read_hand(grasps)
         self.summary = pluralise(sum(self.grasps.values()), "grasp")
         self.columns["grasp"] = Column("int64", meaning="Number of the grasp, 0 the best.")
         self.columns["hand"] = Column("string", meaning="Name of the hand.")
-        self.hand = str(self.rows.attributes("grasps").get("hand", {}).get("name", "unknown"))
         self._names = {"hand": self.hand}  # the same in all frames
         if touch.shards:
-            self._names |= self._by_finger("sensor", [sensor.name for sensor in self.rows.sensors()])
-            named = [Column("string", meaning=f"Name of the sensor on {finger}.") for finger in self.labels["sensor"]]
-            self.columns |= self._by_finger("sensor", named)
+            self._names |= self._name_sensors(self.rows.sensors())
         for name in self.arrays:
             self.columns |= self._describe(name, ("object", "grasp", "camera"))
 

@@ -1,4 +1,4 @@
-"""Export to the layout of LeRobotDataset v3: an episode per object, a frame per grasp; or an episode per slide, a frame per step.
+"""Export to the layout of LeRobotDataset v3: an episode per object, a frame per grasp; or per slide or lift, a frame per step.
 
 Images are PNG, depth is float32 and poses are float64 in the tables, so nothing is lost; LeRobot hands poses out as float32. Its own videos
 are lossy: MP4 compresses colours, and its depth has 12 bits.
@@ -18,7 +18,7 @@ import numpy as np
 
 from pipeline.contrib.exports.grasp_frames import Column
 from pipeline.contrib.exports.parquet_files import import_arrow, schema_of, table_of
-from pipeline.contrib.exports.slide_frames import open_frames
+from pipeline.contrib.exports.sequence_frames import open_frames
 from pipeline.store.storage import Location
 
 VERSION = "v3.0"

@@ -1,6 +1,6 @@
 """Export to the Zarr v2 layout of Open-X-Tactile, which FTP-1 is trained on: a store per task.
 
-An episode is an object's grasps, or a slide; a frame is a grasp, or a step."""
+An episode is an object's grasps, a slide, or a lift; a frame is a grasp, or a step."""
 
 import re
 from collections import Counter
@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.contrib.exports.functional_areas import joint_slots, tactile_areas
 from pipeline.contrib.exports.grasp_frames import Column, Frames, distinct_names
-from pipeline.contrib.exports.slide_frames import open_frames
+from pipeline.contrib.exports.sequence_frames import open_frames
 from pipeline.dataset.grasps import grasping_hand
 from pipeline.errors import StoreError
 from pipeline.store.storage import Location
@@ -45,7 +45,7 @@ Stream = tuple[np.ndarray, Column]  # (T, …)
 
 
 def export_oxt(data: Location, folder: Path, of: str | None = None) -> str:
-    """Write `SPLIT/grasp_CATEGORY.zarr`, or `SPLIT/slide_CATEGORY.zarr`."""
+    """Write `SPLIT/grasp_CATEGORY.zarr`, `SPLIT/slide_CATEGORY.zarr`, or `SPLIT/lift_CATEGORY.zarr`."""
     frames = open_frames(data, of)
     if "tactile_image" not in frames.arrays:
         raise StoreError(f"{data.resolve()} has no touches; run simulate-touch, or simulate-slides with their images, then export again")

@@ -1,4 +1,4 @@
-"""Export to Hugging Face parquet: one table per split, a row per grasp or step of a slide; images decode, arrays keep shape and type."""
+"""Export to Hugging Face parquet: one table per split, a row per grasp or step; images decode, arrays keep shape and type."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.contrib.exports.dataset_card import About, Facts, write_card, write_croissant
 from pipeline.contrib.exports.grasp_frames import Column, GraspFrames
-from pipeline.contrib.exports.slide_frames import open_frames
+from pipeline.contrib.exports.sequence_frames import open_frames
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import read_description
 from pipeline.formats.image_file import encode_image
@@ -24,7 +24,7 @@ def export_parquet(data: Location, folder: Path, about: Path | None = None, of: 
     """
     pa, frames = import_arrow(), open_frames(data, of)
     if about and not isinstance(frames, GraspFrames):
-        raise InvalidInput("--about describes a dataset of grasps; slides have no card: leave it out")
+        raise InvalidInput("--about describes a dataset of grasps; slides and lifts have no card: leave it out")
     publisher = read_description("about", about, About) if about else About()
     (folder / "data").mkdir()
     schema = schema_of(frames.columns)

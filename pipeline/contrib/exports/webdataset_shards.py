@@ -1,4 +1,4 @@
-"""Export to WebDataset: tar shards per split, a sample per grasp or step of a slide; images as PNG, arrays as NPY, others as JSON."""
+"""Export to WebDataset: tar shards per split, a sample per grasp or step; images as PNG, arrays as NPY, others as JSON."""
 
 import io
 import json
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.contrib.exports.grasp_frames import Column, distinct_names
-from pipeline.contrib.exports.slide_frames import open_frames
+from pipeline.contrib.exports.sequence_frames import open_frames
 from pipeline.formats.image_file import encode_image
 from pipeline.store.storage import Location
 

@@ -36,7 +36,7 @@ from pipeline.store.directory import changed_files
 from pipeline.store.record import Failure
 from pipeline.store.storage import Location, exists, remove
 from pipeline.tables.supplement_figures import PAPER
-from pipeline.tables.touch_tables import ObjectTouches, joined, slide_tables, touch_tables
+from pipeline.tables.touch_tables import ObjectTouches, joined, sequence_tables, touch_tables
 from pipeline.tradeoff.trade_pictures import draw_trade
 from pipeline.tradeoff.trades import END_TO_END, MeasuredTrade, Point, read_trade
 from stages.registry import TRADED, resolve
@@ -78,7 +78,7 @@ def write_report(source: ReportSource, console: Console, max_objects: int = 10) 
             "index.html",
             hero=_overview(source, folder),
             cards=spread_evenly(cards, CARDS),
-            tables=[*touch_tables(source.results.touches), *slide_tables(source.directory.root)],
+            tables=[*touch_tables(source.results.touches), *sequence_tables(source.directory.root)],
             plots=_plots(source, objects, folder),
             tiles=_tiles(source),
             objects=len(objects),

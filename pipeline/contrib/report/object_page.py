@@ -17,15 +17,15 @@ from pydantic import FiniteFloat
 from pipeline.contrib.report.report_source import ReportSource, best, errors_table
 from pipeline.dataset.grasps import grasp_count
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.dataset.object_rows import sensor_of
 from pipeline.drawing.grasp_pictures import Rows, camera_images, grasp_note, size_note, touches_of
 from pipeline.drawing.grasp_scene import GraspScenes
-from pipeline.drawing.slide_pictures import animate_slides, are_drawable, first_slide
+from pipeline.drawing.sequence_pictures import animate, are_drawable, first_sequence
 from pipeline.drawing.views import fitted_camera, render_mesh
 from pipeline.drawing.written_files import WrittenFiles
 from pipeline.entries import Entries
 from pipeline.formats.image_file import encode_image
 from pipeline.store.record import Name, Sha256
+from schemas.sequences import SEQUENCES
 from stages.render_vision.renderer import Renderer
 
 THUMBNAIL = 150  # pixels per side of a picture in the gallery
@@ -40,8 +40,8 @@ PARTS = {
 }
 """Nodes of a scene that a page can hide, and their labels."""
 
-ENDINGS = (".html", ".webp", ".mesh.js", ".predictions.js", ".slide.webp")
-"""Of the files of an object's page, after its ID; the last two only where it was reconstructed, or slid over a gel."""
+ENDINGS = (".html", ".webp", ".mesh.js", ".predictions.js", *(f".{kind}.webp" for kind in SEQUENCES))
+"""Of the files of an object's page, after its ID; the last ones only where it was reconstructed, slid over a gel, or lifted."""
 
 
 class ObjectCard(Entries):
@@ -93,10 +93,10 @@ class ObjectPages:
         if evaluation and predictions:
             surfaces = {prediction.name: evaluation.surface(object_id, prediction) for prediction in predictions}
             files[".predictions.js"] = self._packed(object_id, "predictions", self.scenes.predictions(surfaces))
-        slides = self.source.collections.get("slides")
-        if slides and are_drawable(slides.first):
-            title, touches = first_slide(slides.view(object_id))
-            files[".slide.webp"] = animate_slides([(title, touches)], sensor_of(slides.first))
+        for kind, artifact in SEQUENCES.items():
+            collection = self.source.collections.get(artifact)
+            if collection and are_drawable(collection, kind):
+                files[f".{kind}.webp"] = animate([first_sequence(collection.view(object_id), kind)])
         surface, count = self.source.collections["surfaces"].row(object_id), grasp_count(rows["grasps"])
         areas, touched = (rows["grasps"][name][:count] for name in ("contact_area", "touch_success"))
         areas = areas.astype(np.float64)
@@ -110,7 +110,7 @@ class ObjectPages:
             predictions=predictions,
             best=best(predictions) if predictions else None,
             errors=errors_table(predictions) if predictions else None,
-            slid=".slide.webp" in files,
+            animated=[kind for kind in SEQUENCES if f".{kind}.webp" in files],
             **common,
         )
         files[".html"] = page.encode()

@@ -113,11 +113,15 @@ def slide_gel(
         yield SlideStep(sensor, pose, depth, gel, state)
 
 
-def known_friction(sensor: Sensor, given: float | None = None) -> float:
-    """Return the coefficient of friction as given, or the sensor's; `InvalidInput` if it has no elastic gel, or neither is known."""
+def known_friction(sensor: Sensor, given: float | None = None, *, fallback: float | None = None) -> float:
+    """Return the coefficient of friction as given, or the sensor's, or else the fallback.
+
+    It is `InvalidInput` if the sensor has no elastic gel, or none is known.
+    """
     if sensor.gel is None:
         raise InvalidInput(f"sensor {sensor.name} has no elastic gel, which slides and lifts need; add `gel: {{modulus: …}}` to its file")
-    if (friction := sensor.gel.friction if given is None else given) is None:
+    friction = next((value for value in (given, sensor.gel.friction, fallback) if value is not None), None)
+    if friction is None:
         raise InvalidInput(f"the friction of sensor {sensor.name} is not known: give friction, or add `gel: {{friction: …}}` to its file")
     return friction
 

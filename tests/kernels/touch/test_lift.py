@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.touch.depth_maps import normal_force
-from pipeline.kernels.touch.lift import EARTH, FULL, FreedObject, LiftStep, lift_object
+from pipeline.kernels.touch.lift import EARTH, FULL, FreedObject, LiftStep, lift_object, rests
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.kernels.touch.sliding import SlideStep
 from tests.kernels.touch.gels import sensor
@@ -26,11 +26,11 @@ def ball_depth(pose: Array, worn: Sensor) -> np.ndarray:
     return np.where((squared < BALL**2) & (height >= 0), height, np.inf).astype(np.float32)
 
 
-def lift(*deep: float, friction: float = 1.0, steps: int = STEPS) -> list[LiftStep]:
-    """Lift the ball, which gels at its left and its right press so deep, m."""
+def lift(*deep: float, friction: float = 1.0, steps: int = STEPS, squeeze: float = 0.0) -> list[LiftStep]:
+    """Lift the ball, which gels at its left and its right press so deep, m; by default fingers stay still."""
     poses = [pose_at(BALL * np.array([side, 0.0, 0.0]), np.array([-side, 0, 0]), GEL.w - d) for side, d in zip((1, -1), deep, strict=True)]
     body = FreedObject(ball_depth, np.zeros(3), 0.8 * BALL, MASS)
-    return list(lift_object(body, poses, [GEL] * 2, [friction] * 2, steps=steps, rate=RATE))
+    return list(lift_object(body, poses, [GEL] * 2, [friction] * 2, squeeze=squeeze, steps=steps, rate=RATE))
 
 
 def pressing(touch: SlideStep) -> float:
@@ -98,3 +98,17 @@ def test_an_object_that_nothing_touches_is_gone():
 def test_more_steps_end_where_fewer_do(held):
     finer = lift(4e-4, 4e-4, steps=2 * STEPS)
     assert finer[-1].pose[2, 3] == pytest.approx(held[-1].pose[2, 3], rel=0.02)
+
+
+def test_motors_press_on_while_the_object_settles():
+    """Springs of one stiffness: a sensor closes by what its gel loses in force; where fingers stay still the gels lose more of it."""
+    squeeze = 1e-3
+    steps, still = lift(5e-4, 2e-4, squeeze=squeeze), lift(5e-4, 2e-4)
+    grip = np.array([pressing(touch) for touch in steps[0].touches])
+    for step in steps[1:]:
+        now = [pressing(touch) for touch in step.touches]
+        np.testing.assert_allclose(now, grip - grip.max() / squeeze * step.closed, atol=0.01 * WEIGHT)
+    assert rests(steps[-1].held, steps[-1].imbalance, steps[-1].weight, [steps[-1].settled])
+    assert steps[-1].closed[0] > 0 > steps[-1].closed[1]
+    total, stiff = (sum(map(pressing, path[-1].touches)) for path in (steps, still))
+    assert stiff < 0.9 * grip.sum() < 0.95 * grip.sum() < total

@@ -11,8 +11,9 @@ from pipeline.errors import InvalidInput, StageError
 from pipeline.formats.description_file import description_path
 from pipeline.kernels.touch.depth_maps import impression, press_gel, scaled_gel
 from pipeline.kernels.touch.tactile_image import render_gel
+from stages.pressing_stage import pressed_sensor
 from stages.registry import resolve
-from stages.simulate_presses import SimulatePresses, pressed_sensor
+from stages.simulate_presses import SimulatePresses
 from tests.stages.tiny_dataset import manifest, run_stage
 
 ARRAYS = ["press_shape", "press_depth", "press_indentation", "press_contact", "press_image"]

@@ -11,7 +11,7 @@ from pipeline.errors import InvalidInput, StageError
 from pipeline.formats.description_file import description_path
 from pipeline.kernels.touch.sliding import QUANTITIES, measure_steps, slide_gel
 from pipeline.store.directory import DataDirectory
-from pipeline.tables.touch_tables import slide_tables
+from pipeline.tables.touch_tables import sequence_tables
 from schemas.slides import SLIDES
 from stages.registry import resolve
 from stages.simulate_slides import SimulateSlides
@@ -86,7 +86,7 @@ def test_only_what_is_asked_for_is_stored(surfaces):
 def test_summary_counts_slides_and_steps_by_class(surfaces):
     run_stage(surfaces, "simulate-slides", manifest(), *SMALL)
     rows = rows_of(surfaces, "gross_slip")
-    (table,) = slide_tables(surfaces)
+    (table,) = sequence_tables(surfaces)
     *classes, total = (row.cells for row in table.rows)
     assert [row[0] for row in classes] == sorted(set(rows.categories))
     count = len(rows.object_ids)

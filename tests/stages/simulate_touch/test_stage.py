@@ -18,6 +18,7 @@ from pipeline.kernels.touch.tactile_image import tactile_image
 from pipeline.store.rows import Row
 from stages.simulate_touch import SimulateTouch, TouchSettings
 from tests.kernels.touch.shapes import SENSOR, pose_at
+from tests.stages.lifted_objects import coarse_gel
 
 STAGE = SimulateTouch()
 SIZES = {"row": 100, "col": 100, "rgb": 3, "point": 10_000, "xyz": 3, "grasp": 2, "sensor": 3}
@@ -129,16 +130,9 @@ def test_elastic_gel_stores_pressure_and_force(tmp_path: Path) -> None:
     assert (alike["tactile_image"] == row["tactile_image"]).all()  # how stiff it is changes no shape
 
 
-def coarse_elastic(folder: Path) -> str:
-    path = folder / "coarse.yaml"
-    text = Path(elastic(folder, 1e5)).read_text()
-    path.write_text(text.replace("rows: 100", "rows: 20").replace("cols: 100", "cols: 20"))
-    return str(path)
-
-
 def test_lift_is_computed_on_request(tmp_path: Path) -> None:
     """Two gels at the ball's sides: the arrays are as declared, carry its weight in the end, and leave the others as they are."""
-    worn = (coarse_elastic(tmp_path),) * 2
+    worn = (str(coarse_gel(tmp_path, None)),) * 2
     poses = np.stack([pose_at(CENTRE + [0.05 * side, 0, 0], np.array([-side, 0, 0]), 0.005) for side in (1, -1)])[None]
     lift = TouchSettings(sensors=worn, sequence="lift", lift_steps=16, lift_mass=0.05, lift_friction=0.8, lift_store=None)
     row, still = run(lift, poses), run(TouchSettings(sensors=worn), poses)
@@ -160,15 +154,38 @@ def test_lift_is_computed_on_request(tmp_path: Path) -> None:
 
 
 def test_lift_takes_mass_and_friction_from_the_grasps(tmp_path: Path) -> None:
-    soft = coarse_elastic(tmp_path)
-    grasps = {"hand": {"sensor_files": [soft] * 4}, "settings": {"hold_mass": 0.3, "hand": "allegro_right"}}
+    soft = str(coarse_gel(tmp_path, None))
+    grasps = {"hand": {"sensor_files": [soft] * 4}, "settings": {"hold_mass": 0.3, "hand": "allegro_right", "squeeze": 0.002}}
     resolved = STAGE.resolve_settings(TouchSettings(sequence="lift"), {"grasps": grasps})
-    assert (resolved.lift_mass, resolved.lift_friction) == (0.3, 0.5)
+    assert (resolved.lift_mass, resolved.lift_friction, resolved.lift_squeeze) == (0.3, 0.5, 0.002)
     known = Path(soft).read_text().replace("gel: {", "gel: {friction: 0.9, ")
     (tmp_path / "known.yaml").write_text(known)
     worn = TouchSettings(sequence="lift", sensors=(str(tmp_path / "known.yaml"),) * 4, lift_mass=1.0)
     resolved = STAGE.resolve_settings(worn, {"grasps": grasps})
     assert (resolved.lift_mass, resolved.lift_friction) == (1.0, None)
+
+
+def test_each_gel_of_a_lift_has_the_friction_of_its_file(tmp_path: Path) -> None:
+    """Two gels at the ball's sides: the one that states its friction has it, and only the other takes the setting's."""
+    rough, bare = coarse_gel(tmp_path, 0.9), coarse_gel(tmp_path.parent, None)
+    poses = np.stack([pose_at(CENTRE + [0.05 * side, 0, 0], np.array([-side, 0, 0]), 0.005) for side in (1, -1)])[None]
+    settings = TouchSettings(
+        sensors=(str(rough), str(bare)),
+        sequence="lift",
+        lift_steps=8,
+        lift_mass=20.0,
+        lift_friction=0.2,
+        lift_store=["pressure", "traction"],
+    )
+    row = run(settings, poses)
+    first = row["lift_held"][0].nonzero()[0].max()  # the last step in which they hold: the ball slides down
+    for finger, friction in enumerate((0.9, 0.2)):
+        pressure, traction = (row[f"lift_{name}"][0, finger, 1 : first + 1] for name in ("pressure", "traction"))
+        share = np.hypot(*np.moveaxis(traction, -1, 0))[pressure > 0] / pressure[pressure > 0]
+        assert share.max() == pytest.approx(friction, rel=2e-3)
+    stated = settings.model_copy(update={"sensors": (str(rough),) * 2})
+    with pytest.raises(InvalidInput, match=r"lift_friction is 0.2, but the files of all sensors state theirs; leave it out"):
+        STAGE.check_inputs(stated, {"grasps": {"hand": {"sensor_files": [str(rough)] * 2, "sensor_digest": "0"}}})
 
 
 @pytest.mark.parametrize(
