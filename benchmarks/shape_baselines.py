@@ -118,7 +118,7 @@ class Smooth(ShapeBaseline):
     """Lays a smooth surface through touched points."""
 
     name = "gaussian-process-touch"
-    image = None
+    image: str | None = None
     touch = True
 
     def shape(self, object_id: str, case: Case, diagonal: float) -> Array:

@@ -98,7 +98,8 @@ class Figures:
         numbers, values = self._values.get((metric, grasps), NOTHING)
         counts = np.bincount(numbers, minlength=len(self.object_ids))
         sums = np.bincount(numbers, weights=values, minlength=len(self.object_ids))
-        return np.divide(sums, counts, out=np.full(len(counts), np.nan), where=counts > 0)
+        means: NDArray[np.float64] = np.divide(sums, counts, out=np.full(len(counts), np.nan), where=counts > 0)
+        return means
 
     def ring(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Compute the local Chamfer distance in a ring, and count the touches with points in it: (object,) each.
