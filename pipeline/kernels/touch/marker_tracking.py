@@ -23,7 +23,9 @@ class MarkerTracker:
     def __init__(self, untouched: NDArray[np.uint8]) -> None:  # (rows, cols, 3)
         self._dots = MarkerRemoval(untouched)
         if not self._dots.count:
-            raise InvalidInput("the untouched photograph shows no printed dots, which alone show shear: dots of one colour and size are needed")
+            raise InvalidInput(
+                "the untouched photograph shows no printed dots, which alone show shear: dots of one colour and size are needed"
+            )
         self.positions = self._dots.middles(untouched)  # (M, 2) x and y in pixels, of the dots at rest
         distance, self._neighbours = KDTree(self.positions).query(self.positions, range(1, NEIGHBOURS + 2))
         self._reach = REACH * float(np.median(distance[:, 1]))

@@ -75,9 +75,7 @@ def _explain(pressure: Array, positions: Array, moved: Array, sensor: Sensor) ->
     coefficients, *_ = np.linalg.lstsq(normal + weight * squares, matrix.T @ target)  # a contact may be a point or a line
     traction = on_pixels(np.einsum("kc,kij->cij", coefficients.reshape(-1, 2), terms), sensor) * pressure[..., None]
     misfit = float(np.sqrt(np.mean(np.square(matrix @ coefficients - target))))
-    return ReadShear(
-        free + np.tensordot(coefficients, moves, 1), traction, *force_and_torque(traction, sensor), misfit, explained=True
-    )
+    return ReadShear(free + np.tensordot(coefficients, moves, 1), traction, *force_and_torque(traction, sensor), misfit, explained=True)
 
 
 def _terms(load: Array, pitch: tuple[float, float]) -> Array:  # (6, rows, cols)
