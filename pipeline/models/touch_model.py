@@ -32,10 +32,10 @@ UNTOUCHED = "untouched.png"
 IMAGES_AT_ONCE = 32  # tactile images in one batch: at Table 5's width about half a GB of features
 SIDES_TOLERANCE = 0.03
 """Largest relative difference between the aspect ratios of photographs and sensor: pixels may not be quite square."""
-SAME_IMAGES = {"rows": True, "cols": True, "gel": {"modulus", "friction"}}
-"""Entries that may differ from the sensor of a network that was not named: they change neither images nor indentation."""
-MAY_DIFFER = {name: True for name in ("rows", "cols", "range", "membrane", "gel", "noise")} | {"calibrated": {"background"}}
-"""Entries that may differ from a local network's sensor: pixels, range, background and noise, and how soft the gel is."""
+SAME_IMAGES = {"rows": True, "cols": True, "markers": True, "gel": {"modulus", "friction"}}
+"""Entries that may differ from the sensor of a network that was not named: they change no indentation, nor images with dots filled in."""
+MAY_DIFFER = dict.fromkeys(("rows", "cols", "range", "membrane", "gel", "markers", "noise"), True) | {"calibrated": {"background"}}
+"""Entries that may differ from a local network's sensor: pixels, range, background, dots and noise, and how soft the gel is."""
 
 
 class _Description(Entries):

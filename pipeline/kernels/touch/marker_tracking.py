@@ -24,7 +24,7 @@ class MarkerTracker:
         self._dots = MarkerRemoval(untouched)
         if not self._dots.count:
             raise InvalidInput(
-                "the untouched photograph shows no printed dots, which alone show shear: dots of one colour and size are needed"
+                "the untouched photograph shows no printed dots, and dots alone show shear: twelve of one colour and size or more"
             )
         self.positions = self._dots.middles(untouched)  # (M, 2) x and y in pixels, of the dots at rest
         distance, self._neighbours = KDTree(self.positions).query(self.positions, range(1, NEIGHBOURS + 2))
