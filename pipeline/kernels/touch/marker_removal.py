@@ -58,12 +58,14 @@ class MarkerRemoval:
         return np.where(dots[..., None], np.rint(255 * np.clip(filled, 0, 1)).astype(np.uint8), image)
 
     def middles(self, image: NDArray[np.uint8]) -> Array:  # (N, 2) x and y, pixels
-        """Find the middles of the dots in a photograph."""
+        """Find the middles of the dots in a photograph, but for those that its rim cuts."""
         deviation = _deviation(image) @ self.colour
-        spots, count = ndimage.label(deviation > self.contrast / 3)
+        above = np.maximum(deviation - self.contrast / 3, 0)  # so that pixels at the rim of a dot hardly count
+        spots, count = ndimage.label(above)
         areas = np.bincount(spots.ravel()) / self.area
-        alike = np.flatnonzero((areas > 1 / ALIKE) & (areas < ALIKE) & (np.arange(count + 1) > 0))
-        middles = np.reshape(ndimage.center_of_mass(deviation, spots, alike), (-1, 2))[:, ::-1]
+        cut = np.isin(np.arange(count + 1), np.concatenate([spots[0], spots[-1], spots[:, 0], spots[:, -1], [0]]))
+        alike = np.flatnonzero((areas > 1 / ALIKE) & (areas < ALIKE) & ~cut)
+        middles = np.reshape(ndimage.center_of_mass(above, spots, alike), (-1, 2))[:, ::-1]
         return (middles + 0.5) * np.array(image.shape[1::-1]) / deviation.shape[::-1] - 0.5
 
     def _find(self, image: NDArray[np.uint8]) -> tuple[Mask, int]:
