@@ -1,6 +1,6 @@
 """Read simulated slides as photographs of a gel with printed dots are read, and print errors beside those of answering nothing.
 
-`python -m benchmarks.slide_readings DATA SENSOR [--split test]`: DATA holds slides of a sensor with markers, SENSOR is its file.
+`python -m benchmarks.slide_readings DATA SENSOR [--split test] [--slides 6]`: DATA holds slides of a sensor with markers, SENSOR is its file.
 """
 
 import argparse
@@ -16,6 +16,7 @@ from pipeline.kernels.touch.shear_reading import DotReader, sliding
 from pipeline.real_touch import TouchReader
 
 ARRAYS = ("tactile_image", "shear", "pressure", "slip", "slip_share", "force", "torque", "marker_displacement", "friction")
+INSIDE = "force z where the rim is not pressed, N"
 FELT = 0.1  # N: steps of slides that are pressed less, at their greatest, are measured apart
 
 
@@ -25,6 +26,7 @@ def main() -> None:
     parser.add_argument("data")
     parser.add_argument("sensor", type=Path)
     parser.add_argument("--split", default="test")
+    parser.add_argument("--slides", type=int, help="of each object, the first; by default all")
     options = parser.parse_args()
     rows = ObjectRows(options.data, [f"slide_{name}" for name in ARRAYS] + ["slide_untouched"], options.split)
     untouched, described = rows.read("slide_untouched", rows.object_ids[0]), sensor_of(rows.collections["slides"].first)
@@ -32,16 +34,14 @@ def main() -> None:
     slides = [
         read_slide({name: rows.read(f"slide_{name}", object_id, slide) for name in ARRAYS}, reader, untouched)
         for object_id in rows.object_ids
-        for slide in range(rows.size("slide_friction", "slide"))
+        for slide in range(options.slides or rows.size("slide_friction", "slide"))
     ]
     lost = np.concatenate([slide["lost"] for slide in slides])
     unseen = np.concatenate([slide["unseen"] for slide in slides]).mean()
-    print(
-        f"{len(slides)} slides of {described.name}; {lost.sum()} of {lost.size} dots lost; {unseen:.0%} of contacts do not show in the images\n"
-    )
+    print(f"{len(slides)} slides of {described.name}; {lost.sum()} of {lost.size} dots lost; {unseen:.0%} of contacts do not show\n")
     felt = [slide for slide in slides if slide["normal"].max() >= FELT]
     table = []
-    for name in ("dots, µm", "shear, µm", "shear in the contact, µm", "force x, N", "force y, N", "force z, N", "torque, mN·m"):
+    for name in ("dots, µm", "shear, µm", "shear in the contact, µm", "force x, N", "force y, N", "force z, N", INSIDE, "torque, mN·m"):
         cells = []
         for group in (slides, felt):
             error, truth = (np.concatenate([slide[name][k] for slide in group]) for k in (0, 1))
@@ -67,7 +67,8 @@ def read_slide(true: dict[str, np.ndarray], reader: TouchReader, untouched: np.n
     ratio = np.divide(np.hypot(*np.moveaxis(traction, -1, 0)), pressure, out=np.zeros(pressure.shape), where=pressure > 0) / friction
     needed = np.array([dots.shear.friction for dots in slid]) / friction
     known = np.isfinite(needed) & contact.any(axis=(1, 2))
-    seen = np.isfinite(moved)
+    seen, sure = np.isfinite(moved), contact & (pressure > 0) & known[:, None, None]
+    slips, inside = np.array(true["slip"].any(axis=-1)), known & ~np.array([reading.rim_pressed for reading in readings])
     return {
         "lost": ~seen[..., 0],
         "unseen": ~known[contact.any(axis=(1, 2))],
@@ -76,11 +77,9 @@ def read_slide(true: dict[str, np.ndarray], reader: TouchReader, untouched: np.n
         "shear, µm": (1e6 * (shear - true["shear"]).ravel(), 1e6 * true["shear"].ravel()),
         "shear in the contact, µm": (1e6 * (shear - true["shear"])[contact].ravel(), 1e6 * true["shear"][contact].ravel()),
         **{f"force {axis}, N": (force[:, k] - true["force"][:, k], true["force"][:, k]) for k, axis in enumerate("xyz")},
+        INSIDE: (force[inside, 2] - true["force"][inside, 2], true["force"][inside, 2]),
         "torque, mN·m": (1e3 * (torque - true["torque"]), 1e3 * true["torque"]),
-        "pixels of the contact slip (area under the curve)": (
-            ratio[known][contact[known]],
-            true["slip"].any(axis=-1)[known][contact[known]],
-        ),
+        "pixels of the contact slip (area under the curve)": (ratio[sure], slips[sure]),
         "more than half of the contact slips (the same)": (needed[known], true["slip_share"][known] > 0.5),
     }
 
