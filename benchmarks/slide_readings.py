@@ -1,6 +1,7 @@
 """Read simulated slides as photographs of a gel with printed dots are read, and print errors beside those of answering nothing.
 
-`python -m benchmarks.slide_readings DATA SENSOR [--split test] [--slides 6]`: DATA holds slides of a sensor with markers, SENSOR is its file.
+`python -m benchmarks.slide_readings DATA SENSOR [--split test] [--slides 6]`: DATA holds slides of a sensor with markers,
+SENSOR is its file.
 """
 
 import argparse

@@ -38,7 +38,7 @@ def test_known_motions_are_measured_to_a_twentieth_of_a_pixel(motion: np.ndarray
     moved, true = followed(motion)
     assert len(moved) == 48
     seen = np.isfinite(moved[:, 0])
-    assert seen.sum() >= 46  # the rim may cut a dot in a corner
+    assert seen.sum() >= 42  # the rim cuts a row or a column at most
     np.testing.assert_allclose(moved[seen], true[seen], rtol=0, atol=0.05)
 
 
