@@ -188,9 +188,8 @@ def read_touch(
         print_lines(f"{out}: NAME-depth.png (0.1 µm per level), NAME-contact.png, NAME-normals.png, NAME.ply, touches.zarr")
     if steps:
         friction, slid_in = sliding(*np.array(steps).T)
-        print_lines(
-            f"friction {friction:.2f} or more; if that is all, most of the contact slides in {pluralise(slid_in.sum(), 'photograph')}"
-        )
+        there = f"; if that is all, most of the contact slides in {pluralise(int(slid_in.sum()), 'photograph')}"
+        print_lines("friction is not known: no pressure is" if np.isnan(friction) else f"friction {friction:.2f} or more{there}")
     if failed:
         more = f"\nand {len(failed) - NAMED} more" if len(failed) > NAMED else ""
         raise InvalidInput(f"{pluralise(len(failed), 'photograph')} failed:\n" + "\n".join(failed[:NAMED]) + more)

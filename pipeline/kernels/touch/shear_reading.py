@@ -123,7 +123,7 @@ class SlidDots:
 
     def __str__(self) -> str:
         """Say forces, and what is amiss."""
-        x, y, z = self.shear.force
+        x, y, z = self.shear.force + 0.0  # no -0
         lost = int(np.isnan(self.moved[:, 0]).sum())
         said = f"force {x:.3f} {y:.3f} {z:.3f} N, torque {1e3 * self.shear.torque:.2f} mN·m, dots within {1e6 * self.shear.misfit:.0f} µm"
         said += f"; {lost} of {len(self.moved)} dots lost" if lost else ""

@@ -56,9 +56,9 @@ def test_traction_that_moved_the_dots_is_found_again(motion: np.ndarray) -> None
     read = read_shear(np.asarray(pressed.pressure), DOTS, dot_displacement(DOTS, displacement, SENSOR.pitch), SENSOR)
     assert read.explained
     scale = np.hypot(*np.moveaxis(traction, -1, 0)).sum() * area  # N
-    np.testing.assert_allclose(read.force[:2], traction.sum(axis=(0, 1)) * area, rtol=0, atol=0.03 * scale)
-    assert read.torque == pytest.approx(moments.sum() * area, rel=0.05, abs=3e-5 * scale)
-    assert np.sqrt(np.mean((read.displacement - displacement) ** 2)) < 0.15 * np.sqrt(np.mean(displacement**2))
+    np.testing.assert_allclose(read.force[:2], traction.sum(axis=(0, 1)) * area, rtol=0, atol=0.05 * scale)
+    assert read.torque == pytest.approx(moments.sum() * area, rel=0.08, abs=3e-5 * scale)
+    assert np.sqrt(np.mean((read.displacement - displacement) ** 2)) < 0.2 * np.sqrt(np.mean(displacement**2))
     assert read.force[2] == pytest.approx(-pressed.pressure.sum() * area)
 
 
