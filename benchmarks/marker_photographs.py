@@ -67,8 +67,8 @@ def main() -> None:
             rows.append([f"{name}, contact of {radius} px", *(f"{np.sqrt(np.mean(part**2)):.2f}" for part in parts), *fitted])
         without = reading_errors(dots, moved - pushed[2:], radius)
         parts = (without, without[outside], without[~outside])
-        errors = [f"{np.sqrt(np.mean(part**2)):.2f}" for part in parts]
-        rows.append([f"`read_shear`, contact of {radius} px", *errors, "–", f"{np.hypot(*pushed[2:]):.1f}"])
+        shown = [f"{np.sqrt(np.mean(part**2)):.2f}" for part in parts]
+        rows.append([f"`read_shear`, contact of {radius} px", *shown, "–", f"{np.hypot(*pushed[2:]):.1f}"])
     print(
         "\n".join(
             markdown(["rms per component, px", "all dots", "outside the contact", "inside", "pushed by, mm", "uniform offset, px"], rows)

@@ -66,7 +66,7 @@ class MarkerRemoval:
         cut = np.isin(np.arange(count + 1), np.concatenate([spots[0], spots[-1], spots[:, 0], spots[:, -1], [0]]))
         alike = np.flatnonzero((areas > 1 / ALIKE) & (areas < ALIKE) & ~cut)
         middles = np.reshape(ndimage.center_of_mass(above, spots, alike), (-1, 2))[:, ::-1]
-        return (middles + 0.5) * np.array(image.shape[1::-1]) / deviation.shape[::-1] - 0.5
+        return np.asarray((middles + 0.5) * np.array(image.shape[1::-1]) / deviation.shape[::-1] - 0.5)
 
     def _find(self, image: NDArray[np.uint8]) -> tuple[Mask, int]:
         """Find the pixels of dots, and count the dots."""
