@@ -258,8 +258,3 @@ def test_slides_are_followed_by_their_dots_from_photograph_to_photograph(tmp_pat
     assert group["shear"].shape == group["traction"].shape == (96, 128, 2)
     assert group.attrs["force"][0] > 0
     assert not group.attrs["pressure_seen"]
-
-
-def test_slides_need_dots_and_an_elastic_gel(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="shows no printed dots"):
-        TouchReader(folder / "my_gel.yaml", UNTOUCHED, slides=True)

@@ -37,7 +37,8 @@ class MarkerTracker:
         expected = self._moved
         for _ in range(ROUNDS):
             moved = self._match(middles, expected)
-            expected = np.nan_to_num(np.nanmedian(moved[self._neighbours], axis=1), nan=0.0)
+            around = np.ma.median(np.ma.masked_invalid(moved[self._neighbours]), axis=1)
+            expected = np.where(np.ma.getmaskarray(around), expected, around.data)  # as it was where all neighbours are lost
         lost = np.isnan(moved[:, 0])
         self._moved = np.where(lost[:, None], expected, moved)
         return moved

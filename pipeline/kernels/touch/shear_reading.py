@@ -135,6 +135,10 @@ class DotReader:
     """Reads the photographs of a slide, one after the other."""
 
     def __init__(self, untouched: NDArray[np.uint8], sensor: Sensor) -> None:  # (rows, cols, 3); with its pixels
+        if sensor.gel is None:
+            raise InvalidInput(
+                f"sensor {sensor.name} has no elastic gel, which shear and forces need; add `gel: {{modulus: …}}` to its file"
+            )
         check_layer(sensor)
         self.sensor, self.tracker = sensor, MarkerTracker(untouched)
         self.positions = (self.tracker.positions + 0.5 - np.array(sensor.shape[::-1]) / 2) * sensor.pitch[::-1]

@@ -63,3 +63,11 @@ def test_a_dot_that_is_covered_is_lost_and_found_again() -> None:
 def test_a_gel_without_dots_is_refused() -> None:
     with pytest.raises(InvalidInput, match="shows no printed dots, and dots alone show shear"):
         MarkerTracker(photograph(GEL, None))
+
+
+def test_dots_that_all_vanish_are_lost_and_found_where_they_were() -> None:
+    tracker = MarkerTracker(photograph(GEL, COLOUR))
+    moved = photograph(GEL, COLOUR, PITCH[0] * affine([[0, 0], [0, 0]], (2, 0)))
+    tracker.follow(moved)
+    assert np.isnan(tracker.follow(photograph(GEL, None))).all()
+    np.testing.assert_allclose(np.nanmedian(tracker.follow(moved), axis=0), (2, 0), rtol=0, atol=0.05)

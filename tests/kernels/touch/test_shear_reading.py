@@ -12,7 +12,7 @@ from pipeline.kernels.touch.elastic_contact import PressedGel
 from pipeline.kernels.touch.friction import FrictionState, drag_gel, gel_at_rest, surface_displacement, surface_traction
 from pipeline.kernels.touch.markers import MarkerGrid, dot_displacement
 from pipeline.kernels.touch.sensor import Gel, pixel_centres
-from pipeline.kernels.touch.shear_reading import SLIDING, read_shear, sliding
+from pipeline.kernels.touch.shear_reading import SLIDING, DotReader, read_shear, sliding
 
 GEL = Gel(modulus=2e5, poisson=0.48, thickness=0.003)
 SENSOR = load_sensor("gelsight", shape=(60, 80)).model_copy(update={"gel": GEL, "w": 0.004, "membrane": 0.0})
@@ -107,6 +107,14 @@ def test_a_point_of_contact_is_read_too() -> None:
     pressure = np.zeros(SENSOR.shape)
     pressure[30, 40] = 1e5
     assert np.isfinite(read_shear(pressure, DOTS, np.full(DOTS.shape, 1e-5), SENSOR).force).all()
+
+
+def test_a_sensor_without_an_elastic_gel_and_a_gel_without_dots_are_refused() -> None:
+    plain = np.full((*SENSOR.shape, 3), 120, np.uint8)
+    with pytest.raises(InvalidInput, match=r"gelsight has no elastic gel.*add `gel: \{modulus"):
+        DotReader(plain, SENSOR.model_copy(update={"gel": None}))
+    with pytest.raises(InvalidInput, match="shows no printed dots"):
+        DotReader(plain, SENSOR)
 
 
 def test_too_few_dots_are_refused() -> None:
