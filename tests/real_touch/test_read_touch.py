@@ -258,3 +258,11 @@ def test_slides_are_followed_by_their_dots_from_photograph_to_photograph(tmp_pat
     assert group["shear"].shape == group["traction"].shape == (96, 128, 2)
     assert group.attrs["force"][0] > 0
     assert not group.attrs["pressure_seen"]
+
+
+def test_network_stays_that_of_a_sensor_whose_file_gets_dots(folder: Path, tmp_path: Path) -> None:
+    """They are filled in before it reads."""
+    shutil.copytree(folder, tmp_path / "dotted")
+    path = tmp_path / "dotted" / "my_gel.yaml"
+    path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | {"markers": {"rows": 3, "cols": 4, "radius": 5e-4}}))
+    TouchReader(path, UNTOUCHED)
