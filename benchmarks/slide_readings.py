@@ -18,7 +18,6 @@ from pipeline.real_touch import TouchReader
 
 ARRAYS = ("tactile_image", "shear", "pressure", "slip", "slip_share", "force", "torque", "marker_displacement", "friction")
 INSIDE = "force z where the rim is not pressed, N"
-FELT = 0.1  # N: steps of slides that are pressed less, at their greatest, are measured apart
 
 
 def main() -> None:
@@ -40,17 +39,13 @@ def main() -> None:
     lost = np.concatenate([slide["lost"] for slide in slides])
     unseen = np.concatenate([slide["unseen"] for slide in slides]).mean()
     print(f"{len(slides)} slides of {described.name}; {lost.sum()} of {lost.size} dots lost; {unseen:.0%} of contacts do not show\n")
-    felt = [slide for slide in slides if slide["normal"].max() >= FELT]
     table = []
     for name in ("dots, µm", "shear, µm", "shear in the contact, µm", "force x, N", "force y, N", "force z, N", INSIDE, "torque, mN·m"):
-        cells = []
-        for group in (slides, felt):
-            error, truth = (np.concatenate([slide[name][k] for slide in group]) for k in (0, 1))
-            cells += [f"{rms(error):.3g}", f"{rms(truth):.3g}"]
-        table.append([name, *cells])
+        error, truth = (np.concatenate([slide[name][k] for slide in slides]) for k in (0, 1))
+        table.append([name, f"{rms(error):.3g}", f"{rms(truth):.3g}"])
     for name in ("pixels of the contact slip (area under the curve)", "more than half of the contact slips (the same)"):
-        table.append([name, *(text for group in (slides, felt) for text in (f"{area_under_curve(group, name):.2f}", "0.5"))])
-    print("\n".join(markdown(["root mean square", "error", "of nothing", f"error, of slides of {FELT} N or more", "of nothing"], table)))
+        table.append([name, f"{area_under_curve(slides, name):.2f}", "0.5"])
+    print("\n".join(markdown(["root mean square", "error", "of nothing"], table)))
 
 
 def read_slide(true: dict[str, np.ndarray], reader: TouchReader, untouched: np.ndarray) -> dict[str, Any]:
@@ -73,7 +68,6 @@ def read_slide(true: dict[str, np.ndarray], reader: TouchReader, untouched: np.n
     return {
         "lost": ~seen[..., 0],
         "unseen": ~known[contact.any(axis=(1, 2))],
-        "normal": -true["force"][:, 2],
         "dots, µm": (1e6 * (moved - truth)[seen], 1e6 * truth[seen]),
         "shear, µm": (1e6 * (shear - true["shear"]).ravel(), 1e6 * true["shear"].ravel()),
         "shear in the contact, µm": (1e6 * (shear - true["shear"])[contact].ravel(), 1e6 * true["shear"][contact].ravel()),
