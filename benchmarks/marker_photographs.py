@@ -2,7 +2,7 @@
 
 `python -m benchmarks.marker_photographs FOLDER`: the folder `marker_calib/data` of github.com/Rancho-zhao/FOTS, of which `0.png` and
 `1.png` are used; the others are copies. Fitted are how far the ball was pushed, and a uniform offset of all dots, both along x and y.
-`--model` names the folder of a network that `train-touch.source=slides` trained for such a gel; only the offset is fitted.
+`read_shear` is fitted to four fifths of the dots, less that offset, and the others are compared.
 """
 
 import argparse
@@ -17,10 +17,12 @@ import vt_pipeline as vt
 from benchmarks.timing import markdown
 from pipeline.formats.image_file import read_image
 from pipeline.kernels.touch.depth_maps import press_gel
+from pipeline.kernels.touch.elastic_contact import PressedGel
 from pipeline.kernels.touch.friction import drag_gel, gel_at_rest, surface_displacement
+from pipeline.kernels.touch.marker_tracking import MarkerTracker
 from pipeline.kernels.touch.markers import dot_displacement
 from pipeline.kernels.touch.sensor import Gel, Sensor, pixel_centres
-from pipeline.models.touch_model import LocalTouchModel, load_touch_model
+from pipeline.kernels.touch.shear_reading import read_shear
 
 PIXELS_PER_METRE = 19.58e3
 BALL, MIDDLE = 0.003, (145, 121)
@@ -29,6 +31,8 @@ RADII = 40, 50, 60
 """Pixels: of the contact, which the photographs show roughly, as 50."""
 THICKNESS, POISSON, FRICTION, STEPS = 0.004, 0.48, 0.6, 6
 """Of the gel, assumed, m; its Poisson's ratio and friction, assumed; steps in which the ball is pushed."""
+FOLDS = 5
+"""Parts of the dots, one of which is hidden from `read_shear`."""
 SEARCH = 14
 """Pixels within which a dot of the first photograph is searched for in the second."""
 
@@ -37,11 +41,20 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.marker_photographs", description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--model", type=Path)
     options = parser.parse_args()
     folder = options.folder
-    before, after = (find_dots(read_image(folder / name)) for name in ("0.png", "1.png"))
+    photographs = [read_image(folder / name) for name in ("0.png", "1.png")]
+    before, after = map(find_dots, photographs)
     dots, moved = match_dots(before, after)
+    tracker = MarkerTracker(photographs[0])
+    followed = tracker.follow(photographs[1])
+    near, same = KDTree(dots).query(tracker.positions, distance_upper_bound=3)
+    both = np.isfinite(near) & np.isfinite(followed[:, 0])
+    apart = followed[both] - moved[same[both]]
+    print(
+        f"`MarkerTracker` follows {np.isfinite(followed[:, 0]).sum()} of {len(followed)} dots; its motion of {both.sum()} is within "
+        f"{np.sqrt(np.mean(apart**2)):.2f} px rms, {np.abs(apart).max():.2f} at most, of that between the middles found here"
+    )
     rms = np.sqrt(np.mean(np.square(moved - np.median(moved, axis=0))))
     print(f"{len(dots)} of {len(before)} dots; moved by up to {np.hypot(*moved.T).max():.1f} px, about their median by {rms:.2f} px rms\n")
     rows = []
@@ -52,11 +65,10 @@ def main() -> None:
             parts = (errors, errors[outside], errors[~outside])
             fitted = (f"{np.hypot(*pushed[:2]):.2f}", f"{np.hypot(*pushed[2:]):.1f}") if name == "friction" else ("–", "–")
             rows.append([f"{name}, contact of {radius} px", *(f"{np.sqrt(np.mean(part**2)):.2f}" for part in parts), *fitted])
-    if options.model:
-        outside = np.hypot(*(dots - MIDDLE).T) > RADII[1]
-        errors, offset = network_errors(options.model, [read_image(folder / name) for name in ("0.png", "1.png")], dots, moved)
-        parts = (errors, errors[outside], errors[~outside])
-        rows.append(["network", *(f"{np.sqrt(np.mean(part**2)):.2f}" for part in parts), "–", f"{np.hypot(*offset):.1f}"])
+        without = reading_errors(dots, moved - pushed[2:], radius)
+        parts = (without, without[outside], without[~outside])
+        shown = [f"{np.sqrt(np.mean(part**2)):.2f}" for part in parts]
+        rows.append([f"`read_shear`, contact of {radius} px", *shown, "–", f"{np.hypot(*pushed[2:]):.1f}"])
     print(
         "\n".join(
             markdown(["rms per component, px", "all dots", "outside the contact", "inside", "pushed by, mm", "uniform offset, px"], rows)
@@ -84,18 +96,25 @@ def match_dots(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.nd
     return before[found], after[nearest[found]] - before[found]
 
 
-def friction_errors(dots: np.ndarray, moved: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:  # (4,) mm, mm, px, px; (N, 2) px
-    """Fit how far a ball is pushed over the gel, and a uniform offset; return the former and the errors."""
+def ball_in_gel(radius: float) -> tuple[Sensor, PressedGel]:
+    """Press the ball into the assumed gel until its contact has a radius, pixels."""
     gel = Gel(modulus=2e5, poisson=POISSON, thickness=THICKNESS)
     size = {"width": 320 / PIXELS_PER_METRE, "given_height": 240 / PIXELS_PER_METRE, "w": THICKNESS, "membrane": 0.0, "gel": gel}
     sensor: Sensor = vt.load_sensor("gelsight", shape=(240, 320)).model_copy(update=size)
-    positions, middle = ((np.array(at) + 0.5 - (160, 120)) / PIXELS_PER_METRE for at in (dots, MIDDLE))
+    middle = (np.array(MIDDLE) + 0.5 - (160, 120)) / PIXELS_PER_METRE
     x, y = pixel_centres(sensor)
     bowl = ((x[None] - middle[0]) ** 2 + (y[:, None] - middle[1]) ** 2) / (2 * BALL)
     depth, area = 1e-4, np.pi * (radius / PIXELS_PER_METRE) ** 2
     for _ in range(8):  # the area grows as the depth
         pressed = press_gel(sensor.w - np.maximum(depth - bowl, 0), sensor)
         depth *= area / (pressed.contact.sum() * np.prod(sensor.pitch))
+    return sensor, pressed
+
+
+def friction_errors(dots: np.ndarray, moved: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:  # (4,) mm, mm, px, px; (N, 2) px
+    """Fit how far a ball is pushed over the gel, and a uniform offset; return the former and the errors."""
+    sensor, pressed = ball_in_gel(radius)
+    positions = (np.array(dots) + 0.5 - (160, 120)) / PIXELS_PER_METRE
     rest = gel_at_rest(sensor)
     motion = np.zeros((3, *rest.contact.shape))
     first = drag_gel(pressed, motion, rest, sensor, FRICTION)
@@ -112,17 +131,19 @@ def friction_errors(dots: np.ndarray, moved: np.ndarray, radius: float) -> tuple
     return found.x, found.fun.reshape(-1, 2)
 
 
-def network_errors(
-    model: Path, photographs: list[np.ndarray], dots: np.ndarray, moved: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:  # (N, 2) px; (2,) px
-    """Read the motion of the dots from the first photograph to the second, which a network takes for untouched and touched."""
-    network = load_touch_model(model, "cpu")
-    assert isinstance(network, LocalTouchModel)
-    read = network.read_motion(np.stack(photographs), untouched=photographs[0])
-    pixel = (1 / PIXELS_PER_METRE, 1 / PIXELS_PER_METRE)
-    positions = (dots + 0.5 - (160, 120)) / PIXELS_PER_METRE
-    errors = PIXELS_PER_METRE * dot_displacement(positions, read.shear[1].astype(np.float64), pixel) - moved
-    return errors - errors.mean(axis=0), -errors.mean(axis=0)
+def reading_errors(dots: np.ndarray, moved: np.ndarray, radius: float) -> np.ndarray:  # (N, 2) px
+    """Read the gel's shear from four fifths of the dots in turn, given the pressure of the ball, and return the errors of the others."""
+    sensor, pressed = ball_in_gel(radius)
+    rest, positions = gel_at_rest(sensor), (dots + 0.5 - (160, 120)) / PIXELS_PER_METRE
+    first = drag_gel(pressed, np.zeros((3, *rest.contact.shape)), rest, sensor, FRICTION)
+    before = dot_displacement(positions, surface_displacement(first, sensor), sensor.pitch)  # of the press alone
+    after, errors = before + moved / PIXELS_PER_METRE, np.zeros_like(moved)
+    for part in range(FOLDS):
+        hidden = np.arange(len(dots)) % FOLDS == part
+        shear = read_shear(np.asarray(pressed.pressure), positions[~hidden], after[~hidden], sensor)
+        read = dot_displacement(positions[hidden], shear.displacement, sensor.pitch)
+        errors[hidden] = PIXELS_PER_METRE * (read - after[hidden])
+    return errors
 
 
 def gaussian_errors(dots: np.ndarray, moved: np.ndarray) -> np.ndarray:  # (N, 2) px

@@ -20,6 +20,7 @@ from pipeline.kernels.touch.marker_removal import MarkerRemoval
 from pipeline.kernels.touch.photograph_faults import photograph_faults, rim_change, stop_at, untouched_faults
 from pipeline.kernels.touch.press_shapes import PressRanges, random_press
 from pipeline.kernels.touch.sensor import Sensor, masked_points, resample, resample_longer_side
+from pipeline.kernels.touch.shear_reading import DotReader, SlidDots
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.models.model_files import DESCRIPTION
 from pipeline.models.shipped_weights import shipped_sensor_network
@@ -59,6 +60,7 @@ class TouchReading:
     # whether the photograph shows a press at the rim, where depth is taken to be 0: the gel lies deeper everywhere than is read, as it does
     # when something tilts all of it
     rim_pressed: bool
+    slid: SlidDots | None = None  # of a reader of slides
 
     @property
     def normals(self) -> NDArray[np.float32]:
@@ -83,7 +85,8 @@ class TouchReader:
     By default that is `NAME-touch` beside the sensor file, else the pretrained network for the sensor. Either must have been trained for
     the sensor as its file describes it, but for its pixels and its gel's modulus. Photographs that look altered as a whole are errors
     unless `accept_photographs`: by exchanged colours, turned, mirrored, grey, with another exposure, white balance, contrast or hue, of
-    another sensor, or touched and untouched exchanged. Dots that are printed on the gel are filled in, and hold no information.
+    another sensor, or touched and untouched exchanged. Dots that are printed on the gel are filled in; a reader of slides also follows them
+    from each photograph to the next, and reads shear, forces and torque. Its sensor has an elastic `gel`.
     """
 
     def __init__(
@@ -94,6 +97,7 @@ class TouchReader:
         device: str = "cpu",
         *,
         accept_photographs: bool = False,
+        slides: bool = False,
     ) -> None:
         path = description_path("sensor", sensor)
         described = load_sensor(path)
@@ -122,9 +126,11 @@ class TouchReader:
         rows, cols = untouched.shape[:2]
         loaded.check_sides(rows, cols, self.pixel_aspect)
         self.sensor = resample(described, rows, cols)
+        self.dots = DotReader(untouched, self.sensor) if slides else None
 
     def read(self, image: NDArray[np.uint8]) -> TouchReading:
         """Read a photograph, (rows, cols, 3) uint8; an `InvalidInput` if it has other pixels than the untouched one, or looks altered."""
+        photograph = image
         if image.shape == self.untouched.shape:
             image = self.markers.fill(image)
         if not self.accept_photographs:
@@ -134,7 +140,8 @@ class TouchReader:
             raise InvalidInput(f"it has {size} pixels, the untouched photograph {needed}; take both with one size, and crop both alike")
         gel = self.model.read(image[None], self.untouched, self.pixel_aspect)
         rim_pressed = rim_change(image, self.untouched) > RIM_SHARE
-        return TouchReading(gel.indentation[0], gel.contact[0], self.sensor, rim_pressed)
+        slid = self.dots.read(photograph, gel.indentation[0] * gel.contact[0]) if self.dots else None
+        return TouchReading(gel.indentation[0], gel.contact[0], self.sensor, rim_pressed, slid)
 
 
 def write_reading(reading: TouchReading, folder: Path, name: str) -> None:
@@ -161,6 +168,16 @@ def write_reading(reading: TouchReading, folder: Path, name: str) -> None:
         "contact": (reading.contact, ("row", "col"), {"units": "1"}),
         "normals": (normals, ("row", "col", "xyz"), {"units": "1", "frame": "sensor"}),
     }
+    if (slid := reading.slid) is not None:
+        shear, frame = slid.shear, {"frame": "sensor"}
+        group.attrs.update(force=shear.force.tolist(), torque=shear.torque, misfit=shear.misfit, pressure_seen=shear.explained)
+        arrays |= {
+            "pressure": (shear.pressure.astype(np.float32), ("row", "col"), {"units": "Pa"}),
+            "traction": (shear.traction.astype(np.float32), ("row", "col", "xy"), {"units": "Pa"} | frame),
+            "shear": (shear.displacement.astype(np.float32), ("row", "col", "xy"), {"units": "m"} | frame),
+            "marker": (slid.positions, ("marker", "xy"), {"units": "m"} | frame),
+            "marker_displacement": (slid.moved, ("marker", "xy"), {"units": "m"} | frame),
+        }
     for key, (values, dims, attributes) in arrays.items():
         group.create_array(key, data=np.ascontiguousarray(values), dimension_names=dims, attributes=attributes, overwrite=True)
 

@@ -1,14 +1,12 @@
-"""`train-touch`: a local network learns to read depth in photographs, from simulated presses; from slides, motion and force too."""
+"""`train-touch`: a local network learns to read depth in photographs, from simulated presses."""
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.config.settings import setting
 from pipeline.dataset.object_rows import sensor_of
@@ -18,12 +16,11 @@ from pipeline.rng import seeded_weights
 from pipeline.store.directory import DataDirectory
 from pipeline.training.learner import Learner
 from pipeline.training.press_variation import VariedPresses, vary_change
-from pipeline.training.presses import Motion, Presses, stored_presses, stored_slides
+from pipeline.training.presses import Presses, stored_presses
 from pipeline.training.settings import Schedule
 from pipeline.training.training_stage import Training
 from schemas.base import Artifact
 from schemas.presses import PRESSES
-from schemas.slides import SLIDES
 from schemas.touch import TOUCH
 
 if TYPE_CHECKING:
@@ -31,7 +28,6 @@ if TYPE_CHECKING:
     from torch import Tensor, nn
 
     from pipeline.kernels.networks.local_network import LocalNetwork, LocalShape
-    from pipeline.kernels.networks.motion_network import GelMotion
 
 NAME = "train-touch"
 AT_CONTACT = 0.85  # share of the windows that lie about a contact; the others lie anywhere
@@ -51,34 +47,17 @@ class TouchTrainingSettings(VariedPresses):
         ge=1,
     )
     patience: Literal[None] = setting(None, "the last epoch is kept")
-    source: Literal["presses", "slides"] = setting(
-        "presses",
-        "slides: each step of those of simulate-slides teaches shear, slip and force, too; dots show the shear: give the sensor's file "
-        "`markers`",
-        changes="definition",
-    )
     width: int = setting(20, "features of the hidden layers: 5,000 parameters", ge=1, le=2**12)
     window: int = setting(64, "pixels per side of the part of a press that a step sees; it costs a sixth of whole images of 160", ge=16)
 
 
-class Moved(NamedTuple):
-    """Whole images of some steps of slides, and how the gel has moved."""
-
-    image: Tensor  # (B, 3, rows, cols) change of colours, levels
-    before: Tensor  # (B, 3, rows, cols) the same one step before
-    shear: Tensor  # (B, 2, h, w) mm, mean of a cell, true
-    slips: Tensor  # (B, h, w) share of a cell that slips, true
-    force: Tensor  # (B, 3) N, true
-
-
 class Windows(NamedTuple):
-    """Windows of some presses, or steps of slides."""
+    """Windows of some presses."""
 
     change: Tensor  # (B, 3, H, W) change of colours, levels
     position: Tensor  # (B, 2, H, W)
     depth: Tensor  # (B, H, W) mm, true
     contact: Tensor  # (B, H, W) bool, true
-    moved: Moved | None = None
 
 
 class PressLearner(Learner):
@@ -93,37 +72,19 @@ class PressLearner(Learner):
         return _stacked([self._window(self.train, item, generator) for item, generator in zip(items, generators, strict=True)])
 
     def _window(self, presses: Presses, item: int, generator: torch.Generator | None) -> Windows:
-        """Read a varied window of a press, and of a step of a slide whole images too; or without a generator all of it, as it is."""
+        """Read a varied window of a press, or without a generator all of it, as it is."""
         import torch
 
         from pipeline.kernels.networks.local_network import pixel_positions
 
         press, position = presses.read(item), pixel_positions(*presses.sensor.shape)[0]
-        change, depth = _change(press.image, presses), torch.from_numpy(MM * press.indentation)
-        whole = Windows(change, position, depth, torch.from_numpy(press.contact.copy()))
-        if press.motion is not None:
-            whole = whole._replace(moved=self._moved(press.motion, _change(press.motion.before, presses), whole, generator))
+        change = torch.from_numpy(press.image.astype(np.float32) - presses.untouched).permute(2, 0, 1)
+        depth, contact = torch.from_numpy(MM * press.indentation), torch.from_numpy(press.contact.copy())
         if generator is None:
-            return whole
+            return Windows(change, position, depth, contact)
         rows, cols = self._draw_window(press.contact, generator)
-        change, position, depth, contact = (part[..., rows, cols] for part in whole[:4])
-        varied = vary_change(change, depth, self.settings, generator) if whole.moved is None else whole.moved.image[:, rows, cols]
-        return Windows(varied, position, depth, contact, whole.moved)
-
-    def _moved(self, motion: Motion, before: Tensor, whole: Windows, generator: torch.Generator | None) -> Moved:
-        """Vary a step and the one before alike, but for noise."""
-        import torch
-
-        from pipeline.kernels.networks.motion_network import in_cells
-
-        change, settings = whole.change, self.settings
-        if generator is not None:
-            again = generator.clone_state()
-            change, before = (vary_change(image, whole.depth, settings, same) for image, same in ((change, generator), (before, again)))
-            before = before + settings.image_noise * torch.randn(before.shape, generator=generator, dtype=torch.float32)
-        shear = in_cells(torch.from_numpy(MM * motion.shear).permute(2, 0, 1))
-        slips = in_cells(torch.from_numpy(motion.slip.any(axis=-1).astype(np.float32))[None])[0]
-        return Moved(change, before, shear, slips, torch.from_numpy(motion.force.copy()))
+        change, position, depth, contact = (part[..., rows, cols] for part in (change, position, depth, contact))
+        return Windows(vary_change(change, depth, self.settings, generator), position, depth, contact)
 
     def _draw_window(self, contact: np.ndarray, generator: torch.Generator) -> tuple[slice, ...]:
         """Draw a window's rows and columns, given the contact (rows, cols)."""
@@ -145,47 +106,30 @@ class PressLearner(Learner):
         return self._compare(network, batch, uncropped=False)[1]
 
     def validate(self, network: nn.Module) -> dict[str, float]:
-        """Compute the loss over the validation presses, and mean errors over all pixels, µm, and of forces, N; none chooses an epoch."""
-        loss, errors = 0.0, defaultdict[str, float](float)
+        """Compute the loss over the validation presses, and the mean depth error over all pixels, µm; neither chooses an epoch."""
+        loss = error = 0.0
         for items in self.validation_batches():
             windows = _stacked([self._window(self.valid, item, None) for item in items])
-            shape, mean, motion = self._compare(network, windows, uncropped=True)
+            shape, mean = self._compare(network, windows, uncropped=True)
             loss += len(items) * float(mean)
-            errors["depth_error_um"] += len(items) * 1e3 * float((shape.depth.cpu() - windows.depth).abs().mean())
-            if windows.moved is not None and motion is not None:
-                errors["shear_error_um"] += len(items) * 1e3 * float((motion.shear.cpu() - windows.moved.shear).abs().mean())
-                errors["force_error_n"] += len(items) * float((motion.force.cpu() - windows.moved.force).abs().mean())
-        return {name: total / len(self.valid) for name, total in {"loss": loss, **errors}.items()}
+            error += len(items) * float((shape.depth.cpu() - windows.depth).abs().mean())
+        return {"loss": loss / len(self.valid), "depth_error_um": 1e3 * error / len(self.valid)}
 
-    def _compare(self, network: nn.Module, windows: Windows, *, uncropped: bool) -> tuple[LocalShape, Tensor, GelMotion | None]:
+    def _compare(self, network: nn.Module, windows: Windows, *, uncropped: bool) -> tuple[LocalShape, Tensor]:
         """Read windows; whole presses as a sensor's photographs, parts of them with the true depth at their rims."""
-        from pipeline.kernels.networks.local_network import local_loss, pixel_positions
-        from pipeline.kernels.networks.motion_network import GelMotion, motion_loss
+        from pipeline.kernels.networks.local_network import local_loss
 
         parameter, sensor = next(network.parameters()), self.train.sensor
         pitch = (MM * sensor.pitch[0], MM * sensor.pitch[1])
         depth, contact = windows.depth.to(parameter), windows.contact.to(parameter.device)
         shape = network(windows.change.to(parameter), windows.position.to(parameter), pitch, None if uncropped else depth)
-        loss, motion = local_loss(shape, depth, contact, pitch), None
-        if windows.moved is not None:
-            image, before, shear, slips, force = (part.to(parameter) for part in windows.moved)
-            motion = network.get_submodule("motion")(image, before, pixel_positions(*sensor.shape).to(parameter))
-            loss = loss + motion_loss(motion, GelMotion(shear, slips, force))
-        return shape, loss, motion
-
-
-def _change(image: NDArray[np.uint8], presses: Presses) -> Tensor:  # (3, rows, cols) levels
-    import torch
-
-    return torch.from_numpy(image.astype(np.float32) - presses.untouched).permute(2, 0, 1)
+        return shape, local_loss(shape, depth, contact, pitch)
 
 
 def _stacked(windows: Sequence[Windows]) -> Windows:
     import torch
 
-    maps = [torch.stack(parts) for parts in zip(*(window[:4] for window in windows), strict=True)]
-    moved = [window.moved for window in windows if window.moved is not None]
-    return Windows(maps[0], maps[1], maps[2], maps[3], Moved(*map(torch.stack, zip(*moved, strict=True))) if moved else None)
+    return Windows(*map(torch.stack, zip(*windows, strict=True)))
 
 
 def train_local_network(
@@ -201,7 +145,7 @@ def train_local_network(
     from pipeline.training.loop import train
 
     with seeded_weights(seed, NAME):
-        network = LocalNetwork(settings.width, reads_motion=settings.source == "slides")
+        network = LocalNetwork(settings.width)
     facts = train(PressLearner(network, train_presses, valid, settings), settings, folder=folder, seed=seed, name=NAME)
     return network.eval(), facts
 
@@ -214,9 +158,7 @@ class TrainTouch(Training):
     settings_type = TouchTrainingSettings
 
     def inputs(self, settings: TouchTrainingSettings) -> tuple[Artifact, ...]:
-        if settings.pretrained:
-            return (TOUCH,)
-        return (SLIDES if settings.source == "slides" else PRESSES,)
+        return (TOUCH if settings.pretrained else PRESSES,)
 
     def assets(self, settings: TouchTrainingSettings) -> list[Path]:
         """List the files of the pretrained networks, if one is taken."""
@@ -230,10 +172,9 @@ class TrainTouch(Training):
         return "models/touch"
 
     def cost(self, settings: TouchTrainingSettings, objects: int) -> Cost:
-        """Estimate 72 presses, or 128 steps of slides, per object and epoch; a window's time grows with its pixels and with the width."""
-        items, whole = (128, 0.005) if settings.source == "slides" else (72, 0.0)  # s per step, for its whole images of 160 pixels
+        """Estimate 72 presses per object and epoch; a window's time grows with its pixels and with the width."""
         window = 0.003 * (settings.window / 64) ** 2 * settings.width / 16
-        return Cost(seconds=objects * items * settings.epochs * (window + whole), kilobytes=100)
+        return Cost(seconds=objects * 72 * settings.epochs * window, kilobytes=100)
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Train, and save the last epoch's weights with the sensor and its untouched image; or save those of the pretrained network."""
@@ -244,8 +185,7 @@ class TrainTouch(Training):
             model = shipped_touch_model(sensor_of(DataDirectory(job.data).collection(TOUCH).first), "cpu")
             save_touch_model(job.folder, model.network, sensor=model.sensor, untouched=model.untouched)
             return {"pretrained": model.sensor.name, "presses": {"train": 0, "valid": 0}}
-        stored = stored_slides if settings.source == "slides" else stored_presses
-        presses, valid = (stored(job.data, split, cache_megabytes=settings.cache_megabytes) for split in ("train", "valid"))
+        presses, valid = (stored_presses(job.data, split, cache_megabytes=settings.cache_megabytes) for split in ("train", "valid"))
         network, facts = train_local_network(presses, valid, settings, folder=job.folder, seed=job.seed)
         save_touch_model(job.folder, network, sensor=presses.sensor, untouched=presses.untouched)
         return facts | {"presses": {"train": len(presses), "valid": len(valid)}}

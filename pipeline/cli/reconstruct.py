@@ -135,12 +135,16 @@ def read_touch(
         ),
     ] = False,
     frames: Annotated[int | None, typer.Option(min=1, help="With --camera: stop after this many photographs.")] = None,
+    slides: Annotated[
+        bool, typer.Option("--slides", help="Photographs follow one another, of a gel with printed dots: read shear, force and torque too.")
+    ] = False,
 ) -> None:
     """Read depth and contact in photographs of a gel.
 
     A network trained on simulated presses of the sensor reads them. Pretrained networks exist for the sensors gelsight and gelsight_mini;
     for others see `calibrate-sensor --train` and the stage `train-touch`.
     """
+    from pipeline.kernels.touch.shear_reading import sliding
     from pipeline.real_touch import TouchReader, camera_frames, photographs_of, write_reading  # torch: seconds to import
 
     if (photographs is None) == (camera is None):
@@ -149,14 +153,14 @@ def read_touch(
         fail(f"--frames {frames} ends --camera; omit it, or name the photographs to read")
     if out is not None and photographs is not None and photographs.is_dir() and out.resolve() == photographs.resolve():
         fail(f"--out {out} is the folder of the photographs, where output files would be read as photographs; name another folder")
-    reader = TouchReader(sensor, read_image(untouched), model, accept_photographs=accept_photographs)
+    reader = TouchReader(sensor, read_image(untouched), model, accept_photographs=accept_photographs, slides=slides)
     print_lines(f"read by {reader.network}")
     stream: Iterable[tuple[str, Callable[[], Any]]]
     if photographs is not None:
         stream = [(path.stem, partial(read_image, path)) for path in photographs_of(photographs, untouched)]
     else:
         stream = ((f"{count:06d}", partial(np.asarray, image)) for count, image in enumerate(islice(camera_frames(camera or 0), frames)))
-    began, count, reading_seconds, failed = time.perf_counter(), 0, 0.0, list[str]()
+    began, count, reading_seconds, failed, steps = time.perf_counter(), 0, 0.0, list[str](), list[Any]()
     for name, load in stream:
         start = time.perf_counter()
         try:
@@ -171,6 +175,9 @@ def read_touch(
         area = MM2 * float(reading.contact.sum()) * float(np.prod(reading.sensor.pitch))
         rim = "; the rim is pressed, where depth is taken to be 0: the gel lies deeper than this" if reading.rim_pressed else ""
         print_lines(f"{name}: deepest {MM * float(reading.indentation.max()):.3f} mm, contact {area:.2f} mm²{rim}")
+        if reading.slid is not None:
+            print_lines(f"  {reading.slid}")
+            steps.append((-reading.slid.shear.force[2], reading.slid.shear.friction))
         if out is not None:
             write_reading(reading, out, name)
         count += 1
@@ -179,6 +186,10 @@ def read_touch(
         print_lines(f"{pluralise(count, 'photograph')}, {speeds[0]:.1f} per second; reading alone {speeds[1]:.1f}")
     if count and out is not None:
         print_lines(f"{out}: NAME-depth.png (0.1 µm per level), NAME-contact.png, NAME-normals.png, NAME.ply, touches.zarr")
+    if steps:
+        friction, slid_in = sliding(*np.array(steps).T)
+        there = f"; if that is all, most of the contact slides in {pluralise(int(slid_in.sum()), 'photograph')}"
+        print_lines("friction is not known: no pressure is" if np.isnan(friction) else f"friction {friction:.2f} or more{there}")
     if failed:
         more = f"\nand {len(failed) - NAMED} more" if len(failed) > NAMED else ""
         raise InvalidInput(f"{pluralise(len(failed), 'photograph')} failed:\n" + "\n".join(failed[:NAMED]) + more)

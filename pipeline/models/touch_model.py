@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
@@ -32,17 +32,16 @@ UNTOUCHED = "untouched.png"
 IMAGES_AT_ONCE = 32  # tactile images in one batch: at Table 5's width about half a GB of features
 SIDES_TOLERANCE = 0.03
 """Largest relative difference between the aspect ratios of photographs and sensor: pixels may not be quite square."""
-SAME_IMAGES = {"rows": True, "cols": True, "gel": {"modulus", "friction"}}
-"""Entries that may differ from the sensor of a network that was not named: they change neither images nor indentation."""
-MAY_DIFFER = {name: True for name in ("rows", "cols", "range", "membrane", "gel", "noise")} | {"calibrated": {"background"}}
-"""Entries that may differ from a local network's sensor: pixels, range, background and noise, and how soft the gel is."""
+SAME_IMAGES = {"rows": True, "cols": True, "markers": True, "gel": {"modulus", "friction"}}
+"""Entries that may differ from the sensor of a network that was not named: they change no indentation, nor images with dots filled in."""
+MAY_DIFFER = dict.fromkeys(("rows", "cols", "range", "membrane", "gel", "markers", "noise"), True) | {"calibrated": {"background"}}
+"""Entries that may differ from a local network's sensor: pixels, range, background, dots and noise, and how soft the gel is."""
 
 
 class _Description(Entries):
     network: Literal["unet", "local"] = "unet"
     width: int = Field(ge=1, le=2**12)
     mask_threshold: float | None = Field(default=None, ge=0, le=COLOURS)
-    reads_motion: bool = False
     sensor: Sensor
 
     @model_validator(mode="after")
@@ -63,9 +62,7 @@ def save_touch_model(
     """Write a trained network with its sensor and untouched image."""
     Image.fromarray(untouched).save(folder / UNTOUCHED)  # PNG: lossless
     kind: Literal["unet", "local"] = "local" if isinstance(network, LocalNetwork) else "unet"
-    motion = isinstance(network, LocalNetwork) and network.motion is not None
-    entries = {"network": kind, "width": network.width, "mask_threshold": mask_threshold, "reads_motion": motion, "sensor": sensor}
-    save_model(folder, network, _Description.model_validate(entries))
+    save_model(folder, network, _Description(network=kind, width=network.width, mask_threshold=mask_threshold, sensor=sensor))
 
 
 def load_touch_model(folder: Path, device: torch.device | str) -> "TouchModel":
@@ -78,8 +75,7 @@ def load_touch_model(folder: Path, device: torch.device | str) -> "TouchModel":
     if untouched.shape[:2] != description.sensor.shape:
         raise unusable(folder, f"{UNTOUCHED} has {untouched.shape[:2]} pixels, its sensor {description.sensor.shape}")
     if description.mask_threshold is None:
-        local = load_network(folder, lambda: LocalNetwork(description.width, reads_motion=description.reads_motion), device)
-        return LocalTouchModel(local, description.sensor, untouched)
+        return LocalTouchModel(load_network(folder, lambda: LocalNetwork(description.width), device), description.sensor, untouched)
     unet = load_network(folder, lambda: UNet(description.width), device)
     return UnetTouchModel(unet, description.sensor, untouched, description.mask_threshold)
 
@@ -152,14 +148,6 @@ class UnetTouchModel(TouchModel):
         return depth, contact_mask(torch.tensor(images), torch.tensor(self.untouched), self.mask_threshold).numpy()
 
 
-class ReadMotion(NamedTuple):
-    """The motion of a gel in a sequence of N images."""
-
-    shear: NDArray[np.float32]  # (N, H, W, 2) m, displacement of the gel's surface along x and y
-    slips: NDArray[np.float32]  # (N, H, W) 0 to 1, how surely the object slips there
-    force: NDArray[np.float32]  # (N, 3) N, on the gel, sensor frame
-
-
 @dataclass(frozen=True)
 class LocalTouchModel(TouchModel):
     """A local network, for images of its sensor with any number of pixels: they are resampled to those of its training."""
@@ -168,15 +156,6 @@ class LocalTouchModel(TouchModel):
     stage = "train-touch"
     may_differ = MAY_DIFFER
 
-    def check_sensor(self, sensor: Sensor) -> None:
-        """Raise an `InvalidInput` if the network has learned from another sensor, or from dots that `simulate-touch` does not draw."""
-        super().check_sensor(sensor)
-        if self.network.motion is not None and self.sensor.markers is not None:
-            raise InvalidInput(
-                f"the network knows sensor {self.sensor.name} with printed dots, which tactile images of simulate-touch do not show: "
-                "train it with train-touch.source=presses"
-            )
-
     def read(
         self,
         images: np.ndarray,  # (N, H, W, 3) uint8, of the sensor's aspect ratio
@@ -184,7 +163,11 @@ class LocalTouchModel(TouchModel):
         pixel_aspect: float = 1.0,  # height over width of a pixel of the images
     ) -> PressedGel:  # with the images' pixels; indentation >= 0
         """Read the gel in photographs, whose light may have drifted since the untouched one."""
-        self._check_images(images, untouched, pixel_aspect)
+        if images.ndim != 4 or images.shape[3] != COLOURS or images.dtype != np.uint8:
+            raise InvalidInput(f"tactile images are {images.dtype} {images.shape}; the local network reads uint8 (N, rows, cols, 3)")
+        if untouched is not None and (untouched.shape != images.shape[1:] or untouched.dtype != np.uint8):
+            raise InvalidInput(f"the untouched photograph is {untouched.dtype} {untouched.shape}, the others are {images.shape[1:]}")
+        self.check_sides(images.shape[1], images.shape[2], pixel_aspect)
         parameter = next(self.network.parameters())
         position = pixel_positions(*self.sensor.shape).to(parameter)
         pitch = (MM * self.sensor.pitch[0], MM * self.sensor.pitch[1])
@@ -201,39 +184,11 @@ class LocalTouchModel(TouchModel):
         indentation, margin = torch.cat(batches).unbind(dim=1)
         return PressedGel(indentation.float().numpy(), (margin > 0).numpy())
 
-    def read_motion(
-        self,
-        images: np.ndarray,  # (N, H, W, 3) uint8, one after the other, the first without motion
-        untouched: np.ndarray | None = None,  # (H, W, 3) uint8, of the same day; by default the model's own
-    ) -> ReadMotion:
-        """Read shear, slip and force in a sequence of images, if the network has learned from slides."""
-        if self.network.motion is None:
-            raise InvalidInput(f"this network of sensor {self.sensor.name} reads no motion: train-touch.source=slides trains one that does")
-        self._check_images(images, untouched)
-        parameter = next(self.network.parameters())
-        position = pixel_positions(*self.sensor.shape).to(parameter)
-        with torch.inference_mode():
-            untouched_levels = self._resized(self.untouched if untouched is None else untouched, parameter)
-            change = without_drift(self._resized(images, parameter) - untouched_levels)
-            before = torch.cat([change[:1], change[:-1]])
-            parts = zip(torch.split(change, IMAGES_AT_ONCE), torch.split(before, IMAGES_AT_ONCE), strict=True)
-            shear, slips, force = (torch.cat(read) for read in zip(*(self.network.motion(*part, position) for part in parts), strict=True))
-            maps = torch.cat([shear / MM, slips.sigmoid()[:, None]], dim=1)
-            maps = interpolate(maps, size=images.shape[1:3], mode="bilinear").cpu().float()
-        return ReadMotion(maps[:, :2].permute(0, 2, 3, 1).numpy(), maps[:, 2].numpy(), force.cpu().float().numpy())
-
     def maps(self, images: np.ndarray) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Predict the depth D, of the gel at rest less its indentation, and find the contact."""
         reading = self.read(images)
         gel_at_rest = gel_surface(resample(self.sensor, *images.shape[1:3]))
         return np.maximum(gel_at_rest - reading.indentation, 0).astype(np.float32), reading.contact
-
-    def _check_images(self, images: np.ndarray, untouched: np.ndarray | None, pixel_aspect: float = 1.0) -> None:
-        if images.ndim != 4 or images.shape[3] != COLOURS or images.dtype != np.uint8:
-            raise InvalidInput(f"tactile images are {images.dtype} {images.shape}; the local network reads uint8 (N, rows, cols, 3)")
-        if untouched is not None and (untouched.shape != images.shape[1:] or untouched.dtype != np.uint8):
-            raise InvalidInput(f"the untouched photograph is {untouched.dtype} {untouched.shape}, the others are {images.shape[1:]}")
-        self.check_sides(images.shape[1], images.shape[2], pixel_aspect)
 
     def check_description(self, sensor: Sensor, network: str, what: str, remedy: str) -> None:
         """Raise an `InvalidInput` if photographs of the sensor, as it is described, are not like those of the training."""

@@ -232,3 +232,37 @@ def test_options_that_exclude_each_other_are_errors(folder: Path, options: list[
     command = ["read-touch", *given, "--untouched", f"{photographs}/untouched.png", "--sensor", folder / "my_gel.yaml"]
     assert words in vt(*command, fails=True)
     assert sorted((folder / "photographs").iterdir()) == before
+
+
+def test_slides_are_followed_by_their_dots_from_photograph_to_photograph(tmp_path: Path, folder: Path) -> None:
+    """An untrained network sees no press: the dots alone tell that the gel is sheared, which is said."""
+    sensor = resample(SENSOR, 96, 128)
+    dots = MarkerGrid(rows=5, cols=6, radius=5e-4).positions(sensor.width, sensor.height)
+    photographs = tmp_path / "photographs"
+    photographs.mkdir()
+    for name, shift in {"untouched": 0.0, "a": 0.0, "b": 1e-4, "c": 2e-4}.items():
+        image = untouched_image(sensor).copy()
+        draw_dots(image, np.full((96, 128, 2), (shift, 0.0)), sensor.pitch, dots, 5e-4, (0, 0, 0))
+        if name == "c":
+            image[:20, :20] = untouched_image(sensor)[:20, :20]  # a dot is covered
+        Image.fromarray(image).save(photographs / f"{name}.png")
+    options = ["--untouched", photographs / "untouched.png", "--sensor", folder / "my_gel.yaml", "--slides"]
+    printed = " ".join(vt("read-touch", photographs, *options, "--out", tmp_path / "out").split())
+    assert "force 0.000 0.000 0.000 N" in printed
+    assert printed.count("what moves the dots does not show in the photograph") == 2
+    assert "1 of 30 dots lost" in printed
+    assert "friction is not known" in printed
+    group = zarr.open_group(tmp_path / "out" / "touches.zarr")["b"]
+    assert group["marker_displacement"].attrs["units"] == "m"
+    np.testing.assert_allclose(group["marker_displacement"][:], np.tile([1e-4, 0], (30, 1)), rtol=0, atol=0.1 * sensor.pitch[0])
+    assert group["shear"].shape == group["traction"].shape == (96, 128, 2)
+    assert group.attrs["force"][0] > 0
+    assert not group.attrs["pressure_seen"]
+
+
+def test_network_stays_that_of_a_sensor_whose_file_gets_dots(folder: Path, tmp_path: Path) -> None:
+    """They are filled in before it reads."""
+    shutil.copytree(folder, tmp_path / "dotted")
+    path = tmp_path / "dotted" / "my_gel.yaml"
+    path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | {"markers": {"rows": 3, "cols": 4, "radius": 5e-4}}))
+    TouchReader(path, UNTOUCHED)

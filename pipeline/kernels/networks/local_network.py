@@ -14,7 +14,6 @@ from torch.nn.functional import interpolate, smooth_l1_loss
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import check_shape
-from pipeline.kernels.networks.motion_network import MotionNetwork
 from pipeline.kernels.tensors import COLOURS
 from pipeline.kernels.touch.calibrated_shading import polynomial_terms
 
@@ -79,10 +78,10 @@ class LocalShape(NamedTuple):
 class LocalNetwork(nn.Module):
     """Convolutions of 3 × 3, 3 × 3 dilated by 2, and 1 × 1 twice give slopes; their integral is the depth.
 
-    `width` counts the features of the hidden layers; 20 make 5,000 parameters, 20 kB. With `reads_motion` it has a `MotionNetwork` beside.
+    `width` counts the features of the hidden layers; 20 make 5,000 parameters, 20 kB.
     """
 
-    def __init__(self, width: int = 20, *, reads_motion: bool = False) -> None:
+    def __init__(self, width: int = 20) -> None:
         super().__init__()
         self.width = width
         self.colours = nn.Sequential(
@@ -91,7 +90,6 @@ class LocalNetwork(nn.Module):
             *(nn.Conv2d(width, width, 1), nn.ReLU(inplace=True)),
             nn.Conv2d(width, 2, 1),
         )
-        self.motion = MotionNetwork() if reads_motion else None
         nn.Module.to(self, memory_format=torch.channels_last)  # type: ignore[call-overload]  # on a CPU three times as fast with so few features
 
     def forward(

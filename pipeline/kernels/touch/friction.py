@@ -115,6 +115,13 @@ def surface_traction(state: FrictionState, pressed: PressedGel, sensor: Sensor) 
     return np.asarray(on_pixels(ratio, sensor) * fine[..., None])
 
 
+def force_and_torque(traction: Array, sensor: Sensor) -> tuple[Array, float]:  # (2,) N; N m
+    """Add up the traction (rows, cols, 2), Pa, on a sensor's gel, and its torque about the sensor's axis, +z."""
+    x, y = pixel_centres(sensor)
+    moments = x[None] * traction[..., 1] - y[:, None] * traction[..., 0]
+    return np.asarray(traction.sum(axis=(0, 1)) * np.prod(sensor.pitch)), float(moments.sum() * np.prod(sensor.pitch))
+
+
 def on_pixels(cells: Array, sensor: Sensor) -> Array:  # (rows, cols, 2)
     """Give pixels the value of their cell, of (2, rows, cols of cells)."""
     factor, _ = contact_cells(sensor)

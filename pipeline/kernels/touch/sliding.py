@@ -16,6 +16,7 @@ from pipeline.kernels.touch.elastic_contact import PressedGel
 from pipeline.kernels.touch.friction import (
     FrictionState,
     drag_gel,
+    force_and_torque,
     gel_at_rest,
     object_motion,
     on_pixels,
@@ -23,7 +24,7 @@ from pipeline.kernels.touch.friction import (
     surface_traction,
 )
 from pipeline.kernels.touch.markers import dot_displacement, draw_dots
-from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
+from pipeline.kernels.touch.sensor import MM, Sensor
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from schemas.sequences import ALWAYS
 
@@ -79,14 +80,12 @@ class SlideStep:
     @property
     def shear_force(self) -> NDArray[np.float64]:
         """(2,) tangential force, N; `force` is the normal one."""
-        return np.asarray(self.traction.sum(axis=(0, 1)) * np.prod(self.sensor.pitch))
+        return force_and_torque(self.traction, self.sensor)[0]
 
     @property
     def torque(self) -> float:
         """Torque of the tractions about the sensor's axis, +z, N·m."""
-        x, y = pixel_centres(self.sensor)
-        moments = x[None] * self.traction[..., 1] - y[:, None] * self.traction[..., 0]
-        return float(moments.sum() * np.prod(self.sensor.pitch))
+        return force_and_torque(self.traction, self.sensor)[1]
 
 
 def slide_gel(
