@@ -12,7 +12,7 @@ from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, POSITION
 from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances
 from pipeline.kernels.metrics.nearest_points import Cloud
-from pipeline.kernels.metrics.retrieval import SearchedClouds, chamfer_matrix, nearest_cloud, silhouette_overlap
+from pipeline.kernels.metrics.retrieval import SearchedClouds, nearest_cloud, silhouette_overlap, typical_cloud
 from stages.evaluate.evaluation_files import Figure, Figures
 from stages.evaluate.measure import MeasuredObjects
 
@@ -68,9 +68,9 @@ def retrieve(
         for method, of_objects in clouds.items()
     }
     kinds = 1 + len(queries) + (silhouettes is not None)
-    steps = len(spread) + (-(-len(names) // BLOCK) + kinds) * len(ids)
+    steps = (-(-len(names) // BLOCK) + kinds) * len(ids)
     with Meter(console, "training objects in place of reconstructions", steps, "comparisons") as meter:
-        typical = chamfer_matrix([_cloud(training, names[at]) for at in spread], meter.advance).mean(axis=0).argmin()
+        typical = typical_cloud(SearchedClouds([_cloud(training, names[at]) for at in spread]))
         matches_by_method = {"typical": np.full((len(ids), 1), spread[typical])}
         if silhouettes is not None:
             matches_by_method["by silhouette"] = _most_similar(silhouettes, ids, names)

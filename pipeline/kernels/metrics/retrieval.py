@@ -1,6 +1,7 @@
 """Similarity of shapes and of silhouettes, for the retrieval baselines."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from heapq import heapify, heappop, heapreplace
 
 import numpy as np
 
@@ -14,6 +15,11 @@ ROUNDING = 1 - 1e-9  # factor that keeps a bound below its distance despite roun
 def mean_squared_distance(cloud: Cloud, query: Cloud) -> float:
     """Compute the mean squared distance from the points of a query to the nearest of a cloud's, in the square of their unit."""
     return float(cloud.nearest(query)[0].mean())
+
+
+def chamfer_distance(cloud: Cloud, other: Cloud) -> float:
+    """Compute the Chamfer distance of two clouds, in the square of their unit."""
+    return mean_squared_distance(other, cloud) + mean_squared_distance(cloud, other)
 
 
 class SearchedClouds:
@@ -30,12 +36,12 @@ class SearchedClouds:
 
     def bounds(self, query: Cloud, *, both: bool) -> Array:  # (cloud,)
         """Compute lower bounds of a query's distances, see `nearest_cloud`, by the triangle inequality over the nearest sites."""
-        apart, site = _apart(self.sites, query)
-        # cloud by cloud: touches have tens of thousands of points
-        bounds = np.array([np.square(np.maximum(gaps[site] - apart, 0.0)).mean() for gaps in self._gaps])
+        means, shares, spread = (query, np.full(len(query.points), 1 / len(query.points)), 0.0) if both else query.summary
+        apart, site = _apart(self.sites, means)
+        bounds = np.square(np.maximum(self._gaps[:, site] - (apart + spread), 0)) @ shares
         if both:
             gaps = _apart(query, self.sites)[0]
-            squares = np.square(np.maximum(gaps[self._site] - self._near, 0.0))
+            squares = np.square(np.maximum(gaps[self._site] - self._near, 0))
             bounds += np.add.reduceat(squares, np.cumsum(self._counts) - self._counts) / self._counts
         return np.asarray(bounds * ROUNDING)
 
@@ -53,26 +59,38 @@ def nearest_cloud(
     both: bool,  # the Chamfer distance, or the mean squared distance from the query's points alone
     below: float = np.inf,  # only a smaller distance counts
 ) -> tuple[float, int] | None:  # distance, in the square of the clouds' unit, and number of the first cloud that has it
-    """Find the cloud nearest to a query, as a comparison with all would, to the bit: those of the least bounds are compared first."""
-    bounds, nearest = searched.bounds(query, both=both), (below, -1)
-    for number in np.argsort(bounds, kind="stable").tolist():
-        if bounds[number] >= nearest[0]:
-            break
+    """Find the cloud nearest to a query, as a comparison with all would, to the bit: those of the least bounds are compared first.
+
+    The query's points alone may be tens of thousands, of touches: a cloud is compared with their summary before it is with them.
+    """
+    nearest = (below, -1)
+    waiting = [(bound, number, both) for number, bound in enumerate(searched.bounds(query, both=both).tolist())]
+    heapify(waiting)
+    while waiting and waiting[0][0] < nearest[0]:
+        _, number, is_last_bound = waiting[0]
         cloud = searched.clouds[number]
-        distance = mean_squared_distance(cloud, query) + (mean_squared_distance(query, cloud) if both else 0.0)
-        nearest = min(nearest, (distance, number))
+        if is_last_bound:
+            heappop(waiting)
+            nearest = min(nearest, (chamfer_distance(cloud, query) if both else mean_squared_distance(cloud, query), number))
+        else:
+            means, shares, spread = query.summary
+            bound = np.square(np.maximum(_apart(cloud, means)[0] - spread, 0)) @ shares
+            heapreplace(waiting, (float(bound * ROUNDING), number, True))
     return None if nearest[1] < 0 else nearest
 
 
-def chamfer_matrix(clouds: Sequence[Cloud], advance: Callable[[], None] = lambda: None) -> Array:  # (A, A)
-    """Compute the Chamfer distance of each pair of clouds, in their unit squared; `advance` is called after each row."""
-    matrix = np.zeros((len(clouds), len(clouds)))
-    for row, cloud in enumerate(clouds):
-        for column, other in enumerate(clouds[:row]):
-            distance = mean_squared_distance(other, cloud) + mean_squared_distance(cloud, other)
-            matrix[row, column] = matrix[column, row] = distance
-        advance()
-    return matrix
+def typical_cloud(searched: SearchedClouds) -> int:
+    """Find the cloud of the least mean Chamfer distance to all of them, the first if several have it."""
+    every = np.stack([searched.bounds(cloud, both=True) for cloud in searched.clouds])
+    nearest = (np.inf, -1)  # sum of the distances, and number
+    for number in np.argsort(every.sum(axis=1), kind="stable").tolist():
+        distances = every[number]  # bounds, which become distances one after the other
+        for at, other in enumerate(searched.clouds):
+            if distances.sum() > nearest[0]:
+                break
+            distances[at] = chamfer_distance(searched.clouds[number], other)
+        nearest = min(nearest, (float(distances.sum()), number))
+    return nearest[1]
 
 
 def silhouette_overlap(masks: Mask, others: Mask) -> Array32:  # (A, B)
