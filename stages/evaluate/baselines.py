@@ -12,14 +12,13 @@ from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, POSITION
 from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances
 from pipeline.kernels.metrics.nearest_points import Cloud
-from pipeline.kernels.metrics.retrieval import SearchedClouds, nearest_cloud, silhouette_overlap, typical_cloud
+from pipeline.kernels.metrics.retrieval import SearchedClouds, nearest_cloud, packed_masks, silhouette_overlap, typical_cloud
 from stages.evaluate.evaluation_files import Figure, Figures
 from stages.evaluate.measure import MeasuredObjects
 
 POINTS = 1000  # points per object that the search compares; the retrieved object is measured on all of its points
-BLOCK = 500  # training objects that are in memory at a time, a tenth of a megabyte each, with their silhouettes
+BLOCK = 2000  # training objects whose points are in memory at a time, a tenth of a megabyte each
 CANDIDATES = 200  # training objects, spread evenly, among which the typical one is chosen: each is compared with each
-MASKS = 64  # test objects whose silhouettes are compared at a time
 BASELINE_PREFIX = "training object, "  # prefix of the name of each baseline
 LABELS = {
     "typical": "typical training object",
@@ -30,6 +29,7 @@ LABELS = {
 """Labels of baselines in tables, by method of choice."""
 
 Silhouettes = Callable[[str], NDArray[np.bool_]]  # reads the silhouettes of an object, (view, pixel)
+Points = Callable[[str], NDArray[np.float64]]  # reads points of a test object, (N, 3) m
 
 
 def label(name: str) -> str:
@@ -49,7 +49,7 @@ def retrieve(
     *,
     console: Console,
     silhouettes: Silhouettes | None = None,  # for networks that take images
-    touched: Sequence[NDArray[np.float64]] | None = None,  # (N, 3) m, of each test object, if there are touches
+    touched: Points | None = None,  # if there are touches
 ) -> dict[str, Figures]:  # by method of choice
     """Retrieve a training object for each test object, and measure it as a reconstruction.
 
@@ -60,13 +60,8 @@ def retrieve(
     """
     ids, names = objects.object_ids, training.object_ids
     spread = np.linspace(0, len(names) - 1, min(len(names), CANDIDATES)).astype(int)
-    clouds: dict[str, Sequence[NDArray[np.float64]]] = {"by truth": [objects.points(name)[:POINTS] for name in ids]}
-    if touched is not None:
-        clouds = {"by touch": touched, **clouds}
-    queries = {
-        method: [Cloud(_scaled(points, objects.diagonal(name))) for points, name in zip(of_objects, ids, strict=True)]
-        for method, of_objects in clouds.items()
-    }
+    queries: dict[str, Points] = {"by touch": touched} if touched else {}
+    queries["by truth"] = lambda name: objects.points(name)[:POINTS]
     kinds = 1 + len(queries) + (silhouettes is not None)
     steps = (-(-len(names) // BLOCK) + kinds) * len(ids)
     with Meter(console, "training objects in place of reconstructions", steps, "comparisons") as meter:
@@ -74,7 +69,7 @@ def retrieve(
         matches_by_method = {"typical": np.full((len(ids), 1), spread[typical])}
         if silhouettes is not None:
             matches_by_method["by silhouette"] = _most_similar(silhouettes, ids, names)
-        matches_by_method |= _nearest(queries, training, meter)
+        matches_by_method |= _nearest(queries, objects, training, meter)
         views = max(matches.shape[1] for matches in matches_by_method.values())
 
         def measured(matches: NDArray[np.intp]) -> list[Figure]:
@@ -105,33 +100,25 @@ def _scaled(points: NDArray[np.float64], size: float, to: float = DIAGONAL) -> N
 
 def _most_similar(silhouettes: Silhouettes, ids: Sequence[str], names: Sequence[str]) -> NDArray[np.intp]:  # (object, view)
     """Choose the number of the training object, of `names`, with the most similar silhouette, for each view of the test objects."""
-    masks = np.stack([silhouettes(name) for name in ids])  # (object, view, pixel)
-    best, chosen = np.full(masks.shape[:2], -1.0, np.float32), np.zeros(masks.shape[:2], np.intp)
-    for start in range(0, len(names), BLOCK):
-        block = np.stack([silhouettes(name) for name in names[start : start + BLOCK]])
-        flat = block.reshape(-1, block.shape[-1])
-        for first in range(0, len(masks), MASKS):
-            rows = slice(first, first + MASKS)
-            part = masks[rows]
-            overlap = silhouette_overlap(part.reshape(-1, part.shape[-1]), flat).reshape(*part.shape[:2], -1)
-            better = (largest := overlap.max(axis=-1)) > best[rows]
-            best[rows] = np.where(better, largest, best[rows])
-            chosen[rows] = np.where(better, start + overlap.argmax(axis=-1) // block.shape[1], chosen[rows])
-    return chosen
+    ours, theirs = (np.stack([packed_masks(silhouettes(name)) for name in part]) for part in (ids, names))  # (object, view, word)
+    every = theirs.reshape(-1, theirs.shape[-1])
+    return np.array([[silhouette_overlap(mask, every).argmax() // theirs.shape[1] for mask in views] for views in ours])
 
 
 def _nearest(
-    queries: Mapping[str, Sequence[Cloud]],  # points of each test object, by method
+    queries: Mapping[str, Points],  # by method
+    objects: MeasuredObjects,
     training: ObjectRows,
     meter: Meter,
 ) -> dict[str, NDArray[np.intp]]:  # (object, 1), by method
     """Choose the number of the training object with the nearest points for each test object."""
-    nearest = {method: [(np.inf, 0)] * len(clouds) for method, clouds in queries.items()}
+    nearest = {method: [(np.inf, 0)] * len(objects) for method in queries}
     for start in range(0, len(training), BLOCK):
         block = SearchedClouds([_cloud(training, name) for name in training.object_ids[start : start + BLOCK]])
-        for row in range(len(queries["by truth"])):
-            for method, clouds in queries.items():
-                if match := nearest_cloud(clouds[row], block, both=method == "by truth", below=nearest[method][row][0]):
+        for row, name in enumerate(objects.object_ids):
+            for method, read in queries.items():  # read for each block: touches of all objects would fill the memory
+                query = Cloud(_scaled(read(name), objects.diagonal(name)))
+                if match := nearest_cloud(query, block, both=method == "by truth", below=nearest[method][row][0]):
                     nearest[method][row] = match[0], start + match[1]
             meter.advance()
     return {method: np.array([[number] for _, number in matches]) for method, matches in nearest.items()}

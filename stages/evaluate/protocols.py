@@ -180,7 +180,7 @@ class GraspProtocol(Protocol):
             self.distance_figures,
             console=self.job.console,
             silhouettes=silhouettes if images else None,
-            touched=[self._touched_points(object_id) for object_id in self.objects.object_ids] if self.takes_touch else None,
+            touched=self._touched_points if self.takes_touch else None,
         )
 
     def _touched_points(self, object_id: str) -> NDArray[np.float64]:

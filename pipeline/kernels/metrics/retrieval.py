@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from heapq import heapify, heappop, heapreplace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.kernels.arrays import Array, Array32, Integers, Mask
 from pipeline.kernels.metrics.nearest_points import Cloud
@@ -93,9 +94,13 @@ def typical_cloud(searched: SearchedClouds) -> int:
     return nearest[1]
 
 
-def silhouette_overlap(masks: Mask, others: Mask) -> Array32:  # (A, B)
-    """Compute the intersection over union of each of `masks` (A, P pixels) with each of `others` (B, P); 0 where both are empty."""
-    first, second = masks.astype(np.float32), others.astype(np.float32)
-    intersection = first @ second.T
-    union = first.sum(axis=1)[:, None] + second.sum(axis=1) - intersection
+def packed_masks(masks: Mask) -> NDArray[np.uint64]:  # (…, words)
+    """Pack masks (…, pixels) 64 pixels to a word, the last word filled up with 0."""
+    octets = np.packbits(masks, axis=-1)
+    return np.pad(octets, [(0, 0)] * (octets.ndim - 1) + [(0, -octets.shape[-1] % 8)]).view(np.uint64)
+
+
+def silhouette_overlap(mask: NDArray[np.uint64], others: NDArray[np.uint64]) -> Array32:  # (B,)
+    """Compute the intersection over union of a packed mask (words,) with each of `others` (B, words); 0 where both are empty."""
+    intersection, union = (np.bitwise_count(words).sum(axis=1) for words in (mask & others, mask | others))
     return np.asarray(intersection / np.maximum(union, 1), np.float32)

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from pipeline.kernels.metrics.nearest_points import Cloud
-from pipeline.kernels.metrics.retrieval import SearchedClouds, chamfer_distance, nearest_cloud, silhouette_overlap, typical_cloud
+from pipeline.kernels.metrics.retrieval import (
+    SearchedClouds,
+    chamfer_distance,
+    nearest_cloud,
+    packed_masks,
+    silhouette_overlap,
+    typical_cloud,
+)
 from tests.references.all_pairs import chamfer_to_all, squared_distance_to_all
 
 
@@ -75,4 +82,12 @@ def test_bounds_of_sites_are_below_the_distances_and_near_those_of_far_clouds(bo
 def test_overlap_is_intersection_over_union():
     masks = np.array([[1, 1, 0, 0], [0, 0, 0, 0]], bool)
     others = np.array([[1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 1, 1], [0, 0, 0, 0]], bool)
-    np.testing.assert_allclose(silhouette_overlap(masks, others), [[1, 1 / 3, 0, 0], [0, 0, 0, 0]], rtol=1e-6)
+    found = [silhouette_overlap(mask, packed_masks(others)) for mask in packed_masks(masks)]
+    np.testing.assert_allclose(found, [[1, 1 / 3, 0, 0], [0, 0, 0, 0]], rtol=1e-6)
+
+
+@pytest.mark.parametrize("pixels", [64, 200])
+def test_overlap_of_large_masks_counts_each_pixel(pixels):
+    masks = np.random.default_rng(pixels).random((5, pixels)) < 0.4
+    expected = np.float32([(masks[0] & other).sum() / (masks[0] | other).sum() for other in masks])
+    assert (silhouette_overlap(packed_masks(masks)[0], packed_masks(masks)) == expected).all()
