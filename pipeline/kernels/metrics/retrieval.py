@@ -24,16 +24,15 @@ def chamfer_distance(cloud: Cloud, other: Cloud) -> float:
 
 
 class SearchedClouds:
-    """Clouds among which the nearest to a query is searched, and their distances from a grid of sites around them."""
+    """Clouds of N points each, among which the nearest to a query is searched, and their distances from a grid of sites around them."""
 
     def __init__(self, clouds: Sequence[Cloud]) -> None:
         self.clouds = clouds
         low, high = (edge([edge(cloud.points, axis=0) for cloud in clouds], axis=0) for edge in (np.min, np.max))
         self.sites = Cloud(np.stack(np.meshgrid(*np.linspace(low, high, SITES).T), axis=-1).reshape(-1, 3))
         self._gaps = np.stack([_apart(cloud, self.sites)[0] for cloud in clouds])  # (cloud, site) to the nearest point
-        # of each cloud's points, the distance from the nearest site, and its number; and the first of each cloud
-        self._near, self._site = (np.concatenate(parts) for parts in zip(*(_apart(self.sites, cloud) for cloud in clouds), strict=True))
-        self._counts = np.array([len(cloud.points) for cloud in clouds])
+        # of each cloud's points, (cloud, N), the distance from the nearest site, and its number
+        self._near, self._site = (np.stack(parts) for parts in zip(*(_apart(self.sites, cloud) for cloud in clouds), strict=True))
 
     def bounds(self, query: Cloud, *, both: bool) -> Array:  # (cloud,)
         """Compute lower bounds of a query's distances, see `nearest_cloud`, by the triangle inequality over the nearest sites."""
@@ -41,9 +40,7 @@ class SearchedClouds:
         apart, site = _apart(self.sites, means)
         bounds = np.square(np.maximum(self._gaps[:, site] - (apart + spread), 0)) @ shares
         if both:
-            gaps = _apart(query, self.sites)[0]
-            squares = np.square(np.maximum(gaps[self._site] - self._near, 0))
-            bounds += np.add.reduceat(squares, np.cumsum(self._counts) - self._counts) / self._counts
+            bounds += np.square(np.maximum(_apart(query, self.sites)[0][self._site] - self._near, 0)).mean(axis=1)
         return np.asarray(bounds * ROUNDING)
 
 
