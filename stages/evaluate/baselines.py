@@ -18,7 +18,7 @@ from stages.evaluate.measure import MeasuredObjects
 
 POINTS = 1000  # points per object that the search compares; the retrieved object is measured on all of its points
 BLOCK = 2000  # training objects whose points are in memory at a time, a tenth of a megabyte each
-CANDIDATES = 200  # training objects, spread evenly, among which the typical one is chosen: each is compared with each
+CANDIDATES = 200  # training objects, spread evenly, among which the typical one is chosen: the time grows with their square
 BASELINE_PREFIX = "training object, "  # prefix of the name of each baseline
 LABELS = {
     "typical": "typical training object",
@@ -53,7 +53,7 @@ def retrieve(
 ) -> dict[str, Figures]:  # by method of choice
     """Retrieve a training object for each test object, and measure it as a reconstruction.
 
-    `typical` has the least mean distance to the others (each is compared with each) and is the same for every test
+    `typical` has the least mean distance to the others, of at most `CANDIDATES`, and is the same for every test
     object. `by silhouette` has the silhouette most similar to the image's (intersection over union). `by touch` is
     nearest to the touched points of the first grasp. `by truth` is nearest by the Chamfer distance of `POINTS` points:
     no retrieval is nearer by that distance.
@@ -62,8 +62,7 @@ def retrieve(
     spread = np.linspace(0, len(names) - 1, min(len(names), CANDIDATES)).astype(int)
     queries: dict[str, Points] = {"by touch": touched} if touched else {}
     queries["by truth"] = lambda name: objects.points(name)[:POINTS]
-    kinds = 1 + len(queries) + (silhouettes is not None)
-    steps = (-(-len(names) // BLOCK) + kinds) * len(ids)
+    steps = (-(-len(names) // BLOCK) + 1) * len(ids)
     with Meter(console, "training objects in place of reconstructions", steps, "comparisons") as meter:
         typical = typical_cloud(SearchedClouds([_cloud(training, names[at]) for at in spread]))
         matches_by_method = {"typical": np.full((len(ids), 1), spread[typical])}
@@ -71,26 +70,22 @@ def retrieve(
             matches_by_method["by silhouette"] = _most_similar(silhouettes, ids, names)
         matches_by_method |= _nearest(queries, objects, training, meter)
         views = max(matches.shape[1] for matches in matches_by_method.values())
-
-        def measured(matches: NDArray[np.intp]) -> list[Figure]:
-            rows = []
-            for row, object_id in enumerate(ids):
-                figures_by_object: dict[int, Mapping[str, float]] = {}
+        rows: dict[str, list[Figure]] = {method: [] for method in matches_by_method}
+        for row, object_id in enumerate(ids):
+            truth, figures_by_object = Cloud(objects.points(object_id)), dict[int, Mapping[str, float]]()
+            for method, matches in matches_by_method.items():
                 for view, at in enumerate(np.broadcast_to(matches[row], views).tolist()):
                     if at not in figures_by_object:
-                        cloud = training.read("points", names[at])[: objects.count].astype(np.float64)
-                        cloud = _scaled(cloud, training.diagonal(names[at]), objects.diagonal(object_id))
-                        figures_by_object[at] = figures(cloud_distances(cloud, objects.points(object_id)), object_id)
-                    rows += [Figure(object_id, view, 1, metric, value) for metric, value in figures_by_object[at].items()]
-                meter.advance()
-            return rows
-
-        return {BASELINE_PREFIX + method: Figures(ids, measured(matches)) for method, matches in matches_by_method.items()}
+                        cloud = _cloud(training, names[at], objects.count, objects.diagonal(object_id))
+                        figures_by_object[at] = figures(cloud_distances(cloud, truth), object_id)
+                    rows[method] += [Figure(object_id, view, 1, metric, value) for metric, value in figures_by_object[at].items()]
+            meter.advance()
+        return {BASELINE_PREFIX + method: Figures(ids, of_method) for method, of_method in rows.items()}
 
 
-def _cloud(training: ObjectRows, name: str) -> Cloud:
-    """Read the points of an object that the search compares."""
-    return Cloud(_scaled(training.read("points", name)[:POINTS].astype(np.float64), training.diagonal(name)))
+def _cloud(training: ObjectRows, name: str, count: int = POINTS, size: float = DIAGONAL) -> Cloud:
+    """Read points of an object, as if its diagonal were `size`, m; by default those that the search compares."""
+    return Cloud(_scaled(training.read("points", name)[:count].astype(np.float64), training.diagonal(name), size))
 
 
 def _scaled(points: NDArray[np.float64], size: float, to: float = DIAGONAL) -> NDArray[np.float64]:

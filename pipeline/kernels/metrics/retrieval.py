@@ -36,7 +36,7 @@ class SearchedClouds:
 
     def bounds(self, query: Cloud, *, both: bool) -> Array:  # (cloud,)
         """Compute lower bounds of a query's distances, see `nearest_cloud`, by the triangle inequality over the nearest sites."""
-        means, shares, spread = (query, np.full(len(query.points), 1 / len(query.points)), 0.0) if both else query.summary
+        means, shares, spread = (query, np.full(len(query.points), 1 / len(query.points)), np.zeros(1)) if both else query.summary
         apart, site = _apart(self.sites, means)
         bounds = np.square(np.maximum(self._gaps[:, site] - (apart + spread), 0)) @ shares
         if both:
