@@ -193,7 +193,7 @@ class GraspProtocol(Protocol):
             lambda distances, name: self.distance_figures(distances, name) | self.part_figures(distances, name, 0),
             console=self.job.console,
             silhouettes=silhouettes if images else None,
-            touched=[self._touched_points(object_id) for object_id in self.objects.object_ids] if self.takes_touch else None,
+            touched=self._touched_points if self.takes_touch else None,
         )
 
     def _touched_points(self, object_id: str) -> NDArray[np.float64]:

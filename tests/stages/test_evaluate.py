@@ -184,7 +184,6 @@ def test_retrieval_baselines_return_training_objects(tmp_path, monkeypatch):
         assert found[how] == pytest.approx([2 * apart**2 + floor for floor in floors], rel=0.2), how
     whole = protocol.baselines()
     monkeypatch.setattr("stages.evaluate.baselines.BLOCK", 1)  # as if there were many training objects
-    monkeypatch.setattr("stages.evaluate.baselines.MASKS", 2)
     assert {how: one.rows for how, one in protocol.baselines().items()} == {how: one.rows for how, one in whole.items()}
     assert found["typical"] == pytest.approx(
         [2 * apart**2 + floor for apart, floor in zip((0.02, 0.04, 0.08), floors, strict=True)], rel=0.2

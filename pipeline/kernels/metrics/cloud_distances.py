@@ -47,9 +47,9 @@ class CloudDistances:
         return 2 * precision * recall / (precision + recall) if precision + recall else 0.0
 
 
-def cloud_distances(predicted: Floats, truth: Floats | Cloud) -> CloudDistances:
+def cloud_distances(predicted: Floats | Cloud, truth: Floats | Cloud) -> CloudDistances:
     """Compute the squared nearest distances between two clouds, (P, 3) and (T, 3), both ways."""
-    ours, theirs = Cloud(predicted), truth if isinstance(truth, Cloud) else Cloud(truth)
+    ours, theirs = (cloud if isinstance(cloud, Cloud) else Cloud(cloud) for cloud in (predicted, truth))
     (squared, nearest_true), (squared_truth, nearest_predicted) = theirs.nearest(ours), ours.nearest(theirs)
     return CloudDistances(squared, squared_truth, nearest_true, nearest_predicted)
 

@@ -3,6 +3,8 @@
 Clouds are finite, (N, 3), N >= 1, in any unit; squared distances err by less than 1e-14 of themselves.
 """
 
+from functools import cached_property
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -22,15 +24,23 @@ class Cloud:
         self.points = checked_cloud("points", points)
         self._order = scipy.spatial.cKDTree(self.points, leafsize=BLOCK, balanced_tree=False, compact_nodes=False).indices
         self._ordered = np.ascontiguousarray(self.points[self._order].T)  # (3, N)
-        starts = np.arange(0, len(self.points), BLOCK)
-        self._low, self._high = (ufunc.reduceat(self._ordered, starts, axis=1) for ufunc in (np.minimum, np.maximum))  # (3, blocks)
+        self._back = np.argsort(self._order)
+        self._starts = np.arange(0, len(self.points), BLOCK)
+        self._low, self._high = (ufunc.reduceat(self._ordered, self._starts, axis=1) for ufunc in (np.minimum, np.maximum))  # (3, blocks)
+
+    @cached_property
+    def summary(self) -> tuple["Cloud", Array, Array]:  # (blocks,) each
+        """Summarise its blocks: a cloud of their means, the share of points that each has, and the mean distance of these from the mean."""
+        counts = np.diff([*self._starts, len(self.points)])
+        means = np.add.reduceat(self._ordered, self._starts, axis=1) / counts
+        apart = np.linalg.norm(self._ordered - np.repeat(means, counts, axis=1), axis=0)
+        return Cloud(means.T), counts / len(self.points), np.add.reduceat(apart, self._starts) / counts
 
     def nearest(self, query: "Cloud") -> tuple[Array, NDArray[np.int64]]:  # (Q,) each
         """Find the point nearest to each of a query's: its squared distance, and its number; of equally near ones any."""
         squared, number = np.full(len(query.points), np.inf), np.zeros(len(query.points), np.int64)
         _search(self._ordered, self._low, self._high, query._ordered, query._low, query._high, squared, number)
-        back = np.argsort(query._order)
-        return squared[back], self._order[number[back]]
+        return squared[query._back], self._order[number[query._back]]
 
 
 def checked_cloud(name: str, points: Floats) -> Array:

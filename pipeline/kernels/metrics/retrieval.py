@@ -1,8 +1,10 @@
 """Similarity of shapes and of silhouettes, for the retrieval baselines."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from heapq import heapify, heappop, heapreplace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.kernels.arrays import Array, Array32, Integers, Mask
 from pipeline.kernels.metrics.nearest_points import Cloud
@@ -16,27 +18,29 @@ def mean_squared_distance(cloud: Cloud, query: Cloud) -> float:
     return float(cloud.nearest(query)[0].mean())
 
 
+def chamfer_distance(cloud: Cloud, other: Cloud) -> float:
+    """Compute the Chamfer distance of two clouds, in the square of their unit."""
+    return mean_squared_distance(other, cloud) + mean_squared_distance(cloud, other)
+
+
 class SearchedClouds:
-    """Clouds among which the nearest to a query is searched, and their distances from a grid of sites around them."""
+    """Clouds of N points each, among which the nearest to a query is searched, and their distances from a grid of sites around them."""
 
     def __init__(self, clouds: Sequence[Cloud]) -> None:
         self.clouds = clouds
         low, high = (edge([edge(cloud.points, axis=0) for cloud in clouds], axis=0) for edge in (np.min, np.max))
         self.sites = Cloud(np.stack(np.meshgrid(*np.linspace(low, high, SITES).T), axis=-1).reshape(-1, 3))
         self._gaps = np.stack([_apart(cloud, self.sites)[0] for cloud in clouds])  # (cloud, site) to the nearest point
-        # of each cloud's points, the distance from the nearest site, and its number; and the first of each cloud
-        self._near, self._site = (np.concatenate(parts) for parts in zip(*(_apart(self.sites, cloud) for cloud in clouds), strict=True))
-        self._counts = np.array([len(cloud.points) for cloud in clouds])
+        # of each cloud's points, (cloud, N), the distance from the nearest site, and its number
+        self._near, self._site = (np.stack(parts) for parts in zip(*(_apart(self.sites, cloud) for cloud in clouds), strict=True))
 
     def bounds(self, query: Cloud, *, both: bool) -> Array:  # (cloud,)
         """Compute lower bounds of a query's distances, see `nearest_cloud`, by the triangle inequality over the nearest sites."""
-        apart, site = _apart(self.sites, query)
-        # cloud by cloud: touches have tens of thousands of points
-        bounds = np.array([np.square(np.maximum(gaps[site] - apart, 0.0)).mean() for gaps in self._gaps])
+        means, shares, spread = (query, np.full(len(query.points), 1 / len(query.points)), np.zeros(1)) if both else query.summary
+        apart, site = _apart(self.sites, means)
+        bounds = np.square(np.maximum(self._gaps[:, site] - (apart + spread), 0)) @ shares
         if both:
-            gaps = _apart(query, self.sites)[0]
-            squares = np.square(np.maximum(gaps[self._site] - self._near, 0.0))
-            bounds += np.add.reduceat(squares, np.cumsum(self._counts) - self._counts) / self._counts
+            bounds += np.square(np.maximum(_apart(query, self.sites)[0][self._site] - self._near, 0)).mean(axis=1)
         return np.asarray(bounds * ROUNDING)
 
 
@@ -53,31 +57,47 @@ def nearest_cloud(
     both: bool,  # the Chamfer distance, or the mean squared distance from the query's points alone
     below: float = np.inf,  # only a smaller distance counts
 ) -> tuple[float, int] | None:  # distance, in the square of the clouds' unit, and number of the first cloud that has it
-    """Find the cloud nearest to a query, as a comparison with all would, to the bit: those of the least bounds are compared first."""
-    bounds, nearest = searched.bounds(query, both=both), (below, -1)
-    for number in np.argsort(bounds, kind="stable").tolist():
-        if bounds[number] >= nearest[0]:
-            break
+    """Find the cloud nearest to a query, as a comparison with all would, to the bit: those of the least bounds are compared first.
+
+    The query's points alone may be tens of thousands, of touches: a cloud is compared with their summary before it is with them.
+    """
+    nearest = (below, -1)
+    waiting = [(bound, number, both) for number, bound in enumerate(searched.bounds(query, both=both).tolist())]
+    heapify(waiting)
+    while waiting and waiting[0][0] < nearest[0]:
+        _, number, is_last_bound = waiting[0]
         cloud = searched.clouds[number]
-        distance = mean_squared_distance(cloud, query) + (mean_squared_distance(query, cloud) if both else 0.0)
-        nearest = min(nearest, (distance, number))
+        if is_last_bound:
+            heappop(waiting)
+            nearest = min(nearest, (chamfer_distance(cloud, query) if both else mean_squared_distance(cloud, query), number))
+        else:
+            means, shares, spread = query.summary
+            bound = np.square(np.maximum(_apart(cloud, means)[0] - spread, 0)) @ shares
+            heapreplace(waiting, (float(bound * ROUNDING), number, True))
     return None if nearest[1] < 0 else nearest
 
 
-def chamfer_matrix(clouds: Sequence[Cloud], advance: Callable[[], None] = lambda: None) -> Array:  # (A, A)
-    """Compute the Chamfer distance of each pair of clouds, in their unit squared; `advance` is called after each row."""
-    matrix = np.zeros((len(clouds), len(clouds)))
-    for row, cloud in enumerate(clouds):
-        for column, other in enumerate(clouds[:row]):
-            distance = mean_squared_distance(other, cloud) + mean_squared_distance(cloud, other)
-            matrix[row, column] = matrix[column, row] = distance
-        advance()
-    return matrix
+def typical_cloud(searched: SearchedClouds) -> int:
+    """Find the cloud of the least mean Chamfer distance to all of them, the first if several have it."""
+    every = np.stack([searched.bounds(cloud, both=True) for cloud in searched.clouds])
+    nearest = (np.inf, -1)  # sum of the distances, and number
+    for number in np.argsort(every.sum(axis=1), kind="stable").tolist():
+        distances = every[number]  # bounds, which become distances one after the other
+        for at, other in enumerate(searched.clouds):
+            if distances.sum() > nearest[0]:
+                break
+            distances[at] = chamfer_distance(searched.clouds[number], other)
+        nearest = min(nearest, (float(distances.sum()), number))
+    return nearest[1]
 
 
-def silhouette_overlap(masks: Mask, others: Mask) -> Array32:  # (A, B)
-    """Compute the intersection over union of each of `masks` (A, P pixels) with each of `others` (B, P); 0 where both are empty."""
-    first, second = masks.astype(np.float32), others.astype(np.float32)
-    intersection = first @ second.T
-    union = first.sum(axis=1)[:, None] + second.sum(axis=1) - intersection
+def packed_masks(masks: Mask) -> NDArray[np.uint64]:  # (…, words)
+    """Pack masks (…, pixels) 64 pixels to a word, the last word filled up with 0."""
+    octets = np.packbits(masks, axis=-1)
+    return np.pad(octets, [(0, 0)] * (octets.ndim - 1) + [(0, -octets.shape[-1] % 8)]).view(np.uint64)
+
+
+def silhouette_overlap(mask: NDArray[np.uint64], others: NDArray[np.uint64]) -> Array32:  # (B,)
+    """Compute the intersection over union of a packed mask (words,) with each of `others` (B, words); 0 where both are empty."""
+    intersection, union = (np.bitwise_count(words).sum(axis=1) for words in (mask & others, mask | others))
     return np.asarray(intersection / np.maximum(union, 1), np.float32)

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from pipeline.kernels.metrics.nearest_points import Cloud
-from pipeline.kernels.metrics.retrieval import SearchedClouds, chamfer_matrix, nearest_cloud, silhouette_overlap
+from pipeline.kernels.metrics.retrieval import (
+    SearchedClouds,
+    chamfer_distance,
+    nearest_cloud,
+    packed_masks,
+    silhouette_overlap,
+    typical_cloud,
+)
 from tests.references.all_pairs import chamfer_to_all, squared_distance_to_all
 
 
@@ -22,9 +29,8 @@ def shapes(count: int, seed: int) -> list[np.ndarray]:
     )
 
 
-def test_chamfer_matrix_of_points_on_a_line():
-    found = chamfer_matrix([Cloud(line(0)), Cloud(line(1, 3)), Cloud(line(1))])
-    assert found.tolist() == [[0, (1 + 9) / 2 + 1, 2], [(1 + 9) / 2 + 1, 0, (0 + 4) / 2], [2, (0 + 4) / 2, 0]]
+def test_chamfer_distance_of_points_on_a_line():
+    assert chamfer_distance(Cloud(line(0)), Cloud(line(1, 3))) == (1 + 9) / 2 + 1
 
 
 @pytest.mark.parametrize("both", [True, False])
@@ -39,21 +45,49 @@ def test_nearest_cloud_equals_that_of_exhaustive_search(both):
         assert nearest_cloud(Cloud(cloud), searched, both=both, below=value) is None
 
 
+def test_one_direction_of_a_dense_query_equals_exhaustive_search():
+    clouds, patch = shapes(16, 5), shapes(1, 6)[0]
+    searched = SearchedClouds([Cloud(cloud) for cloud in clouds])
+    query = np.concatenate([patch[:5] + 1e-3 * offset for offset in np.random.default_rng(7).normal(size=(200, 1, 3))])  # five touches
+    every = squared_distance_to_all(query, clouds)
+    assert nearest_cloud(Cloud(query), searched, both=False) == (pytest.approx(min(every), rel=1e-9), int(np.argmin(every)))
+
+
+def test_typical_cloud_has_the_least_mean_distance_to_all():
+    clouds = shapes(16, 8)
+    means = [np.mean(chamfer_to_all(cloud, clouds)) for cloud in clouds]
+    assert typical_cloud(SearchedClouds([Cloud(cloud) for cloud in clouds])) == int(np.argmin(means))
+
+
+def test_first_of_equal_clouds_is_typical():
+    cloud, other = shapes(2, 9)
+    assert typical_cloud(SearchedClouds([Cloud(one) for one in (other, cloud, cloud, cloud)])) == 1
+
+
 def test_first_of_equal_clouds_is_the_nearest():
     cloud, other = shapes(2, 2)
     searched = SearchedClouds([Cloud(one) for one in (other, other + 0.01, cloud, cloud)])
     assert nearest_cloud(Cloud(cloud), searched, both=True) == (0.0, 2)
 
 
-def test_bounds_of_sites_are_below_the_distances_and_near_those_of_far_clouds():
+@pytest.mark.parametrize("both", [True, False])
+def test_bounds_of_sites_are_below_the_distances_and_near_those_of_far_clouds(both):
     clouds, query = [cloud + [0.4 * number, 0, 0] for number, cloud in enumerate(shapes(6, 3))], shapes(1, 4)[0]
-    bounds = SearchedClouds([Cloud(cloud) for cloud in clouds]).bounds(Cloud(query), both=True)
-    distances = np.array(chamfer_to_all(query, clouds))
+    bounds = SearchedClouds([Cloud(cloud) for cloud in clouds]).bounds(Cloud(query), both=both)
+    distances = np.array(chamfer_to_all(query, clouds) if both else squared_distance_to_all(query, clouds))
     assert (bounds <= distances).all()
-    assert (bounds[2:] > 0.5 * distances[2:]).all()
+    assert (bounds[3:] > 0.5 * distances[3:]).all()
 
 
 def test_overlap_is_intersection_over_union():
     masks = np.array([[1, 1, 0, 0], [0, 0, 0, 0]], bool)
     others = np.array([[1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 1, 1], [0, 0, 0, 0]], bool)
-    np.testing.assert_allclose(silhouette_overlap(masks, others), [[1, 1 / 3, 0, 0], [0, 0, 0, 0]], rtol=1e-6)
+    found = [silhouette_overlap(mask, packed_masks(others)) for mask in packed_masks(masks)]
+    np.testing.assert_allclose(found, [[1, 1 / 3, 0, 0], [0, 0, 0, 0]], rtol=1e-6)
+
+
+@pytest.mark.parametrize("pixels", [64, 200])
+def test_overlap_of_large_masks_counts_each_pixel(pixels):
+    masks = np.random.default_rng(pixels).random((5, pixels)) < 0.4
+    expected = np.float32([(masks[0] & other).sum() / (masks[0] | other).sum() for other in masks])
+    assert (silhouette_overlap(packed_masks(masks)[0], packed_masks(masks)) == expected).all()
