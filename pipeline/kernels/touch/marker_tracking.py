@@ -4,6 +4,8 @@ Valid range: that of `marker_removal`, and dots that move by less than half thei
 the next.
 """
 
+import warnings
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
@@ -37,8 +39,9 @@ class MarkerTracker:
         expected = self._moved
         for _ in range(ROUNDS):
             moved = self._match(middles, expected)
-            around = np.ma.median(np.ma.masked_invalid(moved[self._neighbours]), axis=1)
-            expected = np.where(np.ma.getmaskarray(around), expected, around.data)  # as it was where all neighbours are lost
+            with warnings.catch_warnings(category=RuntimeWarning, action="ignore"):  # where all neighbours are lost, it is as it was
+                around = np.nanmedian(moved[self._neighbours], axis=1)
+            expected = np.where(np.isnan(around), expected, around)
         lost = np.isnan(moved[:, 0])
         self._moved = np.where(lost[:, None], expected, moved)
         return moved
