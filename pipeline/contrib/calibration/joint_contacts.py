@@ -22,7 +22,7 @@ from pipeline.kernels.arrays import Array
 from pipeline.kernels.touch.calibrated_shading import polynomial_terms
 
 NORMAL_DEGREE, POSITION_DEGREE = 3, 2  # of the polynomial
-FALL = 0.8
+FALL = 0.75
 """The gel's slope falls by exp(-(d / length)^FALL) at a distance d from the contact: between a sheet's, 1, and an elastic layer's."""
 SAMPLES = 7  # pixels per radius of a contact that are fitted
 AROUND, FURTHEST = 2.0, 0.6  # the fitted region: radii of the contact, and radii of the ball beyond it at most
@@ -33,8 +33,8 @@ DAMPING, GENTLER, HARDER = 0.1, 0.3, 4.0  # of Levenberg and Marquardt: at first
 LEAST, MOST = (0.05, 0.02), (0.985, 1.0)  # radius of a contact and length of the fall, radii of the ball
 ASIDE = 0.1  # largest shift of a middle, radii of the ball
 CHANGE = 1e-4  # of a shape for its derivatives
-SQUARE = 0.04  # largest logarithm of the measured height over width of square pixels
-SHOWN = 0.025  # share of the error that pixels a tenth too high must add for a judgement
+SQUARE = 0.04  # largest logarithm of the measured height over width of square pixels: 0.013 in simulated photographs
+SHOWN = 0.06  # share of the error that pixels a tenth too high must add for a judgement: 0.03 where rims are not seen, else 0.1 or more
 
 
 def fit_contacts(photographs: Sequence[Photograph], untouched: NDArray[np.uint8], ball: float, row_scale: float) -> list[Photograph]:
@@ -85,7 +85,7 @@ class _Pixels:
 
 
 class _JointFit:
-    """Colours of all photographs, (k, 3) levels; per contact a shape (4,), as `_Pixels.features` takes it; and what is common to pixels."""
+    """Colours (k, 3) of all photographs, levels; a shape per contact; and `stretch`, the logarithm of a pixel's height over its width."""
 
     def __init__(self, photographs: Sequence[Photograph], untouched: NDArray[np.uint8], ball: float, row_scale: float) -> None:
         self.pixels, starts = [], []
@@ -107,7 +107,7 @@ class _JointFit:
         self.colours = np.zeros((self.pixels[0].features(self.shapes[0], self.stretch).shape[1], 3))
 
     def settle(self, *, stretch: bool) -> tuple[float, float]:
-        """Fit everything, `stretch` if so, by damped steps of Gauss and Newton; return the error, 1 for `OUTLIER`, and its curvature in `stretch`."""
+        """Fit everything, `stretch` only if so, by damped Gauss-Newton steps; return the error and its curvature in `stretch`."""
         for _ in range(2):  # the second time with weights
             self.colours = self._step(FIXED, stretch)[0]
         error, damping = self._error(self.colours, self.shapes, self.stretch), DAMPING
@@ -124,12 +124,13 @@ class _JointFit:
         return error, self._step(0.0, stretch)[3]
 
     def _error(self, colours: Array, shapes: Array, stretch: float) -> float:
+        """Compute the mean squared error, in units of `OUTLIER`; beyond it errors count linearly."""
         pairs = zip(self.pixels, shapes, strict=True)
         squares = [np.square(pixels.change - pixels.features(shape, stretch) @ colours).sum(axis=1) for pixels, shape in pairs]
         return float(np.mean([2 * (np.sqrt(1 + square / OUTLIER**2) - 1).mean() for square in squares]))
 
     def _step(self, damping: float, stretch: bool) -> tuple[Array, Array, float, float]:
-        """Solve the weighted normal equations, without the shapes, which are eliminated: new colours, shapes and `stretch`; and the curvature."""
+        """Solve the weighted normal equations, shapes eliminated: colours, shapes, `stretch`; and the curvature in it."""
         matrix, right, solved = np.zeros((self.colours.size + 1,) * 2), np.zeros(self.colours.size + 1), []
         for pixels, shape in zip(self.pixels, self.shapes, strict=True):
             features = pixels.features(shape, self.stretch)

@@ -8,7 +8,7 @@ from PIL import Image
 
 import vt_pipeline
 from benchmarks.real_touch.hard_sets import HardSet, hard_press, hard_untouched
-from pipeline.contrib.calibration.ball_contact import Circle, Photograph
+from pipeline.contrib.calibration.ball_contact import Photograph
 from pipeline.contrib.calibration.find_contact import find_contact
 from pipeline.contrib.calibration.joint_contacts import check_square, fit_contacts
 from pipeline.errors import InvalidInput
