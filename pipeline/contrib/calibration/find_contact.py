@@ -33,6 +33,7 @@ FITS, SETTLED = 5, 0.2  # of the circle, each about the middle of the last; larg
 BEYOND = 1.05  # radii of the ball up to which the rim is searched
 ASIDE = 0.06  # distance of points of the rim from the circle, radii, up to which they count
 RIM = 2.0  # the same in pixels, at least
+ONE_WAY = 0.7  # length of the mean change of a region's colours over their mean change, beyond which it is a shadow, not a second contact
 
 
 def find_contact(
@@ -64,7 +65,9 @@ def find_contact(
     _check_seen(_polar(change, x, y, int(radius) + 1)[1][:, int(radius * PER_PIXEL)], x, y)
     for other in others:
         row, col = other.centroid
-        apart = math.dist((col, row), (x, y)) > 2 * largest  # else it is a shadow: two balls' middles are two radii apart
+        colours = change[tuple(other.coords.T)]
+        one_way = np.linalg.norm(colours.mean(axis=0)) > ONE_WAY * np.linalg.norm(colours, axis=1).mean()
+        apart = not one_way or math.dist((col, row), (x, y)) > 2 * largest  # for there are two radii between two balls
         if apart and other.area > np.pi * SMALLEST**2 and other.intensity_max > strength.max() / 2:
             shown = f"it shows a contact at ({x:.0f}, {y:.0f}) and a second one at ({col:.0f}, {row:.0f})"
             raise InvalidInput(f"{shown}; photograph one ball at a time, or give the contact that counts in circles.csv")
