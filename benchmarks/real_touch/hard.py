@@ -15,7 +15,7 @@ from benchmarks.timing import Table
 from pipeline.contrib.calibration.ball_photographs import CIRCLES, read_photographs
 from pipeline.contrib.calibration.calibrate_sensor import uncalibrated_sensor
 from pipeline.contrib.calibration.colour_fit import FIT_FOR_DEPTH, fit_colours
-from pipeline.contrib.calibration.joint_contacts import check_square
+from pipeline.contrib.calibration.square_pixels import check_square
 from pipeline.errors import InvalidInput
 from pipeline.formats.image_file import read_image
 from pipeline.kernels.touch.marker_removal import MarkerRemoval

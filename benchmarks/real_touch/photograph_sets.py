@@ -13,7 +13,6 @@ from skimage.draw import polygon2mask
 
 from pipeline.contrib.calibration.ball_contact import Circle, Photograph
 from pipeline.contrib.calibration.find_contact import find_contact
-from pipeline.contrib.calibration.joint_contacts import fit_contacts
 from pipeline.entries import Entries
 from pipeline.formats.image_file import read_image
 
@@ -128,7 +127,7 @@ def _balls(folder: Path, balls: Balls, untouched: NDArray[np.uint8], scale: floa
             photographs.append(Photograph(name, image, circles.get(path.name) or find_contact(image, untouched, balls.radius / scale)))
         except ValueError as error:
             not_found.append(f"{name}: {error}")
-    return photographs if circles else fit_contacts(photographs, untouched, balls.radius / scale, 1.0), not_found
+    return photographs, not_found
 
 
 def _circles(path: Path) -> dict[str, Circle]:

@@ -13,7 +13,6 @@ from PIL import Image
 from pipeline.console import pluralise
 from pipeline.contrib.calibration.ball_contact import Circle, Photograph
 from pipeline.contrib.calibration.find_contact import SMALLEST, find_contact
-from pipeline.contrib.calibration.joint_contacts import fit_contacts
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import read_text
 from pipeline.formats.image_file import image_files, read_image
@@ -68,9 +67,6 @@ def read_photographs(
     if len(photographs) < MIN_PHOTOGRAPHS:
         causes = reasons(unusable) or "it holds no others"
         raise InvalidInput(f"{folder} has {pluralise(len(photographs), 'usable photograph')}, {MIN_PHOTOGRAPHS} are needed; {causes}")
-    if circles.keys() < {photograph.name for photograph in photographs}:
-        fitted = fit_contacts(photographs, untouched, largest, row_scale)
-        photographs = [old if old.name in circles else new for old, new in zip(photographs, fitted, strict=True)]
     return photographs, untouched, unusable
 
 

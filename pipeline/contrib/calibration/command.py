@@ -47,7 +47,7 @@ def calibrate_sensor(
     from pipeline.contrib.calibration import calibrate_sensor as calibration
     from pipeline.contrib.calibration.ball_photographs import read_photographs
     from pipeline.contrib.calibration.colour_fit import FIT_FOR_DEPTH, ColourFitOptions, missing_photographs
-    from pipeline.contrib.calibration.joint_contacts import check_square
+    from pipeline.contrib.calibration.square_pixels import check_square
     from pipeline.formats.image_file import read_image
     from pipeline.kernels.touch.calibrated_shading import fitted_range
 

@@ -1,4 +1,4 @@
-"""Circles that are fitted to all photographs together, and the height of a pixel over its width."""
+"""The height of a pixel over its width, in deep and shallow presses."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ import vt_pipeline
 from benchmarks.real_touch.hard_sets import HardSet, hard_press, hard_untouched
 from pipeline.contrib.calibration.ball_contact import Photograph
 from pipeline.contrib.calibration.find_contact import find_contact
-from pipeline.contrib.calibration.joint_contacts import check_square, fit_contacts
+from pipeline.contrib.calibration.square_pixels import check_square
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.sensor import pixel_centres
 
@@ -23,11 +23,10 @@ LARGEST = 2.35 / 0.12
 """Radius of the ball, pixels."""
 
 
-def photographs(described: HardSet, *, wrong: float) -> tuple[list[Photograph], np.ndarray]:
-    """Press a ball at eight places; circles are `wrong` times the true ones."""
+def photographs(described: HardSet) -> tuple[list[Photograph], np.ndarray]:
+    """Press a ball at eight places."""
     presses = [hard_press(described, number) for number in range(8)]
-    circles = [replace(press.circle, radius=min(wrong * press.circle.radius, LARGEST)) for press in presses]
-    made = [Photograph(str(number), press.image, circle) for number, (press, circle) in enumerate(zip(presses, circles, strict=True))]
+    made = [Photograph(str(number), press.image, press.circle) for number, press in enumerate(presses)]
     return made, hard_untouched(described)
 
 
@@ -44,20 +43,11 @@ def deep_mini_presses() -> tuple[list[np.ndarray], np.ndarray, float]:
     return images, vt_pipeline.untouched_image(sensor), ball / sensor.pitch[1]
 
 
-@pytest.mark.parametrize("wrong", [0.9, 1.1])
-@pytest.mark.parametrize("name", SETS)
-def test_wrong_circles_become_right(name: str, wrong: float) -> None:
-    made, untouched = photographs(SETS[name], wrong=wrong)
-    fitted = fit_contacts(made, untouched, LARGEST, 1.0)
-    ratios = [wrong * after.contact.radius / before.contact.radius for before, after in zip(made, fitted, strict=True)]
-    assert np.median(ratios) == pytest.approx(1, abs=0.05)
-
-
 @pytest.mark.parametrize("stretch", [0.9, 1.0, 1.1])
 @pytest.mark.parametrize("name", SETS)
 def test_pixels_must_be_square(name: str, stretch: float) -> None:
     """Deep presses are judged, too; images are resized to 108, 120, and 132 rows."""
-    made, untouched = photographs(SETS[name], wrong=1.0)
+    made, untouched = photographs(SETS[name])
 
     def resized(image: np.ndarray) -> np.ndarray:
         return np.asarray(Image.fromarray(image).resize((160, round(120 * stretch)), Image.Resampling.BILINEAR))

@@ -1,21 +1,22 @@
-"""Fit the contacts of one ball in one gel in all photographs together: their circles, and the height of a pixel over its width.
+"""Measure the height of a pixel over its width in photographs of a ball, by a fit to all of them together.
 
 In a contact the gel has the normals of the ball, however large the contact is. So one polynomial of normal, depth and position gives the
 colours of all contacts, and each ends where colours turn back, as the gel's slope falls around it. A single photograph does not show that:
-colours may be strongest inside a deep contact, and lamps make one side of its rim pale.
+colours may be strongest inside a deep contact, and lamps make one side of its rim pale. The ratio of rims holds for any gel; their size
+does not (circles are 5 % too small around an elastic layer, 10 % around a membrane), so it is not used.
 
 Valid range: four photographs or more, contacts of 8 pixels radius or more.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gamma, gammaincc
 
-from pipeline.contrib.calibration.ball_contact import RIDGE, Circle, Photograph
+from pipeline.contrib.calibration.ball_contact import RIDGE, Photograph
 from pipeline.contrib.calibration.find_contact import smooth_change
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array
@@ -37,20 +38,12 @@ SQUARE = 0.04  # largest logarithm of the measured height over width of square p
 SHOWN = 0.06  # share of the error that pixels a tenth too high must add for a judgement: 0.03 where rims are not seen, else 0.1 or more
 
 
-def fit_contacts(photographs: Sequence[Photograph], untouched: NDArray[np.uint8], ball: float, row_scale: float) -> list[Photograph]:
-    """Fit all circles, given a ball's radius, pixels, and the height of a pixel over its width."""
-    fit = _JointFit(photographs, untouched, ball, row_scale)
-    fit.settle(stretch=False)
-    circles = [Circle(ball * x, ball * y, min(ball * radius, ball)) for x, y, radius, _ in fit.shapes]
-    return [replace(photograph, contact=circle) for photograph, circle in zip(photographs, circles, strict=True)]
-
-
 def check_square(photographs: Sequence[Photograph], untouched: NDArray[np.uint8], ball: float) -> list[str]:
     """Raise an `InvalidInput` if pixels are not square; if photographs do not show it, return a sentence that says so."""
-    fit = _JointFit(photographs, untouched, ball, 1.0)
-    error, curvature = fit.settle(stretch=True)
+    fit = _JointFit(photographs, untouched, ball)
+    error, curvature = fit.settle()
     if curvature * math.log(1.1) ** 2 < SHOWN * error:
-        return ["photographs hardly show where contacts end, nor whether pixels are square: press less deeply, or state the contacts"]
+        return ["photographs hardly show where contacts end, nor whether pixels are square: press less deeply, or add --mm-per-row"]
     if abs(fit.stretch) <= SQUARE:
         return []
     shape = f"{100 * math.expm1(abs(fit.stretch)):.0f} % {'wider than high' if fit.stretch > 0 else 'higher than wide'}"
@@ -87,14 +80,14 @@ class _Pixels:
 class _JointFit:
     """Colours (k, 3) of all photographs, levels; a shape per contact; and `stretch`, the logarithm of a pixel's height over its width."""
 
-    def __init__(self, photographs: Sequence[Photograph], untouched: NDArray[np.uint8], ball: float, row_scale: float) -> None:
+    def __init__(self, photographs: Sequence[Photograph], untouched: NDArray[np.uint8], ball: float) -> None:
         self.pixels, starts = [], []
         for photograph in photographs:
             contact = photograph.contact
             stride, reach = max(1, round(contact.radius / SAMPLES)), min(AROUND * contact.radius, contact.radius + FURTHEST * ball)
             change = smooth_change(photograph.image, untouched)[::stride, ::stride]
             row, col = np.indices(change.shape[:2]) * stride
-            near = np.hypot(col - contact.x, row_scale * (row - contact.y)) < reach
+            near = np.hypot(col - contact.x, row - contact.y) < reach
             row, col, size = row[near], col[near], max(untouched.shape) / 2
             position = polynomial_terms(col / size - 1, row / size - 1, POSITION_DEGREE)
             self.pixels.append(_Pixels(col / ball, row / ball, np.stack(position, axis=1), change[near]))
@@ -103,16 +96,16 @@ class _JointFit:
         self.low, self.high = self.shapes - ASIDE, self.shapes + ASIDE
         self.low[:, 2:], self.high[:, 2:] = LEAST, MOST
         self.shapes = np.clip(self.shapes, self.low, self.high)
-        self.stretch = math.log(row_scale)
+        self.stretch = 0.0
         self.colours = np.zeros((self.pixels[0].features(self.shapes[0], self.stretch).shape[1], 3))
 
-    def settle(self, *, stretch: bool) -> tuple[float, float]:
-        """Fit everything, `stretch` only if so, by damped Gauss-Newton steps; return the error and its curvature in `stretch`."""
+    def settle(self) -> tuple[float, float]:
+        """Fit everything by damped Gauss-Newton steps; return the error and its curvature in `stretch`."""
         for _ in range(2):  # the second time with weights
-            self.colours = self._step(FIXED, stretch)[0]
+            self.colours = self._step(FIXED)[0]
         error, damping = self._error(self.colours, self.shapes, self.stretch), DAMPING
         for _ in range(STEPS):
-            *tried, _ = self._step(damping, stretch)
+            *tried, _ = self._step(damping)
             reached = self._error(*tried)
             if reached > error:
                 damping *= HARDER
@@ -121,7 +114,7 @@ class _JointFit:
             self.colours, self.shapes, self.stretch = tried
             if gain < SETTLED:
                 break
-        return error, self._step(0.0, stretch)[3]
+        return error, self._step(0.0)[3]
 
     def _error(self, colours: Array, shapes: Array, stretch: float) -> float:
         """Compute the mean squared error, in units of `OUTLIER`; beyond it errors count linearly."""
@@ -129,7 +122,7 @@ class _JointFit:
         squares = [np.square(pixels.change - pixels.features(shape, stretch) @ colours).sum(axis=1) for pixels, shape in pairs]
         return float(np.mean([2 * (np.sqrt(1 + square / OUTLIER**2) - 1).mean() for square in squares]))
 
-    def _step(self, damping: float, stretch: bool) -> tuple[Array, Array, float, float]:
+    def _step(self, damping: float) -> tuple[Array, Array, float, float]:
         """Solve the weighted normal equations, shapes eliminated: colours, shapes, `stretch`; and the curvature in it."""
         matrix, right, solved = np.zeros((self.colours.size + 1,) * 2), np.zeros(self.colours.size + 1), []
         for pixels, shape in zip(self.pixels, self.shapes, strict=True):
@@ -149,8 +142,6 @@ class _JointFit:
             right += np.append((features.T @ (weight[:, None] * pixels.change)).ravel(), pull[4]) - common.T @ solved[-1][:, -1]
             matrix -= common.T @ solved[-1][:, :-1]
         matrix[:-1, :-1] += RIDGE * np.trace(matrix[:-1, :-1]) / self.colours.size * np.eye(self.colours.size)
-        if not stretch:
-            matrix[-1], matrix[:, -1], right[-1], matrix[-1, -1] = 0.0, 0.0, 0.0, 1.0
         inverse = np.linalg.inv(matrix)
         unknown = inverse @ right
         shapes = self.shapes + [own[:, -1] - own[:, :-1] @ unknown for own in solved]
