@@ -78,10 +78,11 @@ class _Pixels:
 
 
 class _JointFit:
-    """Colours (k, 3) of all photographs, levels; a shape per contact; and `stretch`, the logarithm of a pixel's height over its width."""
+    """Colours (k, 3) of all photographs, levels; a shape per contact; `stretch`, the logarithm of a pixel's height over its width."""
 
     def __init__(self, photographs: Sequence[Photograph], untouched: NDArray[np.uint8], ball: float) -> None:
-        self.pixels, starts = [], []
+        self.pixels: list[_Pixels] = []
+        starts: list[list[float]] = []
         for photograph in photographs:
             contact = photograph.contact
             stride, reach = max(1, round(contact.radius / SAMPLES)), min(AROUND * contact.radius, contact.radius + FURTHEST * ball)
@@ -105,13 +106,13 @@ class _JointFit:
             self.colours = self._step(FIXED)[0]
         error, damping = self._error(self.colours, self.shapes, self.stretch), DAMPING
         for _ in range(STEPS):
-            *tried, _ = self._step(damping)
-            reached = self._error(*tried)
+            colours, shapes, stretch, _ = self._step(damping)
+            reached = self._error(colours, shapes, stretch)
             if reached > error:
                 damping *= HARDER
                 continue
             gain, error, damping = 1 - reached / error, reached, GENTLER * damping
-            self.colours, self.shapes, self.stretch = tried
+            self.colours, self.shapes, self.stretch = colours, shapes, stretch
             if gain < SETTLED:
                 break
         return error, self._step(0.0)[3]
@@ -124,7 +125,8 @@ class _JointFit:
 
     def _step(self, damping: float) -> tuple[Array, Array, float, float]:
         """Solve the weighted normal equations, shapes eliminated: colours, shapes, `stretch`; and the curvature in it."""
-        matrix, right, solved = np.zeros((self.colours.size + 1,) * 2), np.zeros(self.colours.size + 1), []
+        matrix, right = np.zeros((self.colours.size + 1,) * 2), np.zeros(self.colours.size + 1)
+        solved: list[Array] = []
         for pixels, shape in zip(self.pixels, self.shapes, strict=True):
             features = pixels.features(shape, self.stretch)
             weight = 1 / np.sqrt(1 + np.square(pixels.change - features @ self.colours).sum(axis=1) / OUTLIER**2)
@@ -137,8 +139,8 @@ class _JointFit:
             common = np.column_stack([cross[:4], inner[:4, 4]])  # (4, all but the shapes)
             solved.append(np.linalg.solve(inner[:4, :4], np.column_stack([common, pull[:4]])))
             matrix[:-1, :-1] += np.kron(features.T @ (weight[:, None] * features), np.eye(3))
-            matrix[-1] += (last := np.append(cross[4], inner[4, 4]))
-            matrix[:-1, -1] += last[:-1]
+            matrix[-1] += np.append(cross[4], inner[4, 4])
+            matrix[:-1, -1] += cross[4]
             right += np.append((features.T @ (weight[:, None] * pixels.change)).ravel(), pull[4]) - common.T @ solved[-1][:, -1]
             matrix -= common.T @ solved[-1][:, :-1]
         matrix[:-1, :-1] += RIDGE * np.trace(matrix[:-1, :-1]) / self.colours.size * np.eye(self.colours.size)

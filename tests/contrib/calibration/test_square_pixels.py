@@ -30,39 +30,48 @@ def photographs(described: HardSet) -> tuple[list[Photograph], np.ndarray]:
     return made, hard_untouched(described)
 
 
-def deep_mini_presses() -> tuple[list[np.ndarray], np.ndarray, float]:
-    """Press a ball of 2.35 mm deeply into a shipped sensor, beyond the slopes that it was calibrated for; its radius in pixels."""
-    sensor, rng, ball = vt_pipeline.load_sensor("gelsight_mini", shape=(120, 160)), np.random.default_rng(0), 2.35e-3
-    x, y = pixel_centres(sensor)
-    images = []
-    for _ in range(8):
+def mini_photographs(ball: float, depths: tuple[float, float], rows: int) -> tuple[list[Photograph], np.ndarray, float]:
+    """Press a ball, m, into a shipped sensor at eight places, and find its contacts in images of so many rows; its radius in pixels."""
+    sensor, rng = vt_pipeline.load_sensor("gelsight_mini", shape=(120, 160)), np.random.default_rng(0)
+    (x, y), largest = pixel_centres(sensor), ball / sensor.pitch[1]
+    untouched, made = resized(vt_pipeline.untouched_image(sensor), rows), []
+    for number in range(8):
         middle = rng.uniform(-0.3, 0.3, 2) * (sensor.width, sensor.height)
         height = np.sqrt(np.maximum(ball**2 - (x - middle[0]) ** 2 - (y[:, None] - middle[1]) ** 2, 0))
-        pressed = vt_pipeline.press(height - ball, sensor, depth=rng.uniform(1.5e-3, 2e-3)).image
-        images.append(np.clip(pressed + rng.normal(0, 1, pressed.shape), 0, 255).round().astype(np.uint8))
-    return images, vt_pipeline.untouched_image(sensor), ball / sensor.pitch[1]
+        pressed = vt_pipeline.press(height - ball, sensor, depth=rng.uniform(*depths)).image
+        noisy = np.clip(pressed + rng.normal(0, 1, pressed.shape), 0, 255).round().astype(np.uint8)
+        image = resized(noisy, rows)
+        made.append(Photograph(str(number), image, find_contact(image, untouched, largest)))
+    return made, untouched, largest
 
 
-@pytest.mark.parametrize("stretch", [0.9, 1.0, 1.1])
+def resized(image: np.ndarray, rows: int) -> np.ndarray:
+    return np.asarray(Image.fromarray(image).resize((160, rows), Image.Resampling.BILINEAR))
+
+
+@pytest.mark.parametrize("rows", [108, 120, 132])
 @pytest.mark.parametrize("name", SETS)
-def test_pixels_must_be_square(name: str, stretch: float) -> None:
-    """Deep presses are judged, too; images are resized to 108, 120, and 132 rows."""
+def test_pixels_must_be_square_in_deep_presses(name: str, rows: int) -> None:
     made, untouched = photographs(SETS[name])
+    circles = [replace(one.contact, y=rows / 120 * (one.contact.y + 0.5) - 0.5) for one in made]
+    moved = [Photograph(one.name, resized(one.image, rows), circle) for one, circle in zip(made, circles, strict=True)]
+    check(moved, resized(untouched, rows), LARGEST, rows)
 
-    def resized(image: np.ndarray) -> np.ndarray:
-        return np.asarray(Image.fromarray(image).resize((160, round(120 * stretch)), Image.Resampling.BILINEAR))
 
-    moved = [Photograph(one.name, resized(one.image), replace(one.contact, y=stretch * (one.contact.y + 0.5) - 0.5)) for one in made]
-    if stretch == 1:
-        assert check_square(moved, untouched, LARGEST) == []
+@pytest.mark.parametrize("rows", [108, 120, 132])
+def test_pixels_must_be_square_in_gentler_presses_of_a_shipped_sensor(rows: int) -> None:
+    check(*mini_photographs(0.004, (0.45e-3, 1.5e-3), rows), rows)
+
+
+def check(made: list[Photograph], untouched: np.ndarray, largest: float, rows: int) -> None:
+    if rows == 120:
+        assert check_square(made, untouched, largest) == []
     else:
-        with pytest.raises(InvalidInput, match="% higher than wide" if stretch > 1 else "% wider than high"):
-            check_square(moved, resized(untouched), LARGEST)
+        with pytest.raises(InvalidInput, match="% higher than wide" if rows > 120 else "% wider than high"):
+            check_square(made, untouched, largest)
 
 
 def test_photographs_that_do_not_show_where_contacts_end_are_used_and_said() -> None:
     """Slopes beyond a sensor's steepest have one colour, and shadows lie beside contacts."""
-    images, untouched, largest = deep_mini_presses()
-    found = [Photograph(str(number), image, find_contact(image, untouched, largest)) for number, image in enumerate(images)]
-    (doubt,) = check_square(found, untouched, largest)
+    (doubt,) = check_square(*mini_photographs(2.35e-3, (1.5e-3, 2e-3), 120))
     assert "photographs hardly show where contacts end, nor whether pixels are square" in doubt
