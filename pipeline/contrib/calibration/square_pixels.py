@@ -87,7 +87,7 @@ class _JointFit:
             contact = photograph.contact
             stride, reach = max(1, round(contact.radius / SAMPLES)), min(AROUND * contact.radius, contact.radius + FURTHEST * ball)
             change = smooth_change(photograph.image, untouched)[::stride, ::stride]
-            row, col = (stride * index for index in np.indices(change.shape[:2]))
+            row, col = np.meshgrid(*(stride * np.arange(count) for count in change.shape[:2]), indexing="ij")
             near = np.hypot(col - contact.x, row - contact.y) < reach
             row, col, size = row[near], col[near], max(untouched.shape) / 2
             position = polynomial_terms(col / size - 1, row / size - 1, POSITION_DEGREE)
