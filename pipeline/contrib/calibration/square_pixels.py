@@ -48,8 +48,8 @@ def check_square(photographs: Sequence[Photograph], untouched: NDArray[np.uint8]
         return []
     shape = f"{100 * math.expm1(abs(fit.stretch)):.0f} % {'wider than high' if fit.stretch > 0 else 'higher than wide'}"
     raise InvalidInput(
-        f"contacts are {shape}, in pixels (by a fit to all {len(photographs)}): pixels are not square; add --mm-per-row: by this measurement "
-        f"{math.exp(fit.stretch):.3f} times --mm-per-pixel, which is along a row"
+        f"contacts are {shape}, in pixels (by a fit to all {len(photographs)}): pixels are not square; add --mm-per-row: by this "
+        f"measurement {math.exp(fit.stretch):.3f} times --mm-per-pixel, which is along a row"
     )
 
 
