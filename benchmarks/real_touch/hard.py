@@ -15,6 +15,7 @@ from benchmarks.timing import Table
 from pipeline.contrib.calibration.ball_photographs import CIRCLES, read_photographs
 from pipeline.contrib.calibration.calibrate_sensor import uncalibrated_sensor
 from pipeline.contrib.calibration.colour_fit import FIT_FOR_DEPTH, fit_colours
+from pipeline.contrib.calibration.square_pixels import check_square
 from pipeline.errors import InvalidInput
 from pipeline.formats.image_file import read_image
 from pipeline.kernels.touch.marker_removal import MarkerRemoval
@@ -53,9 +54,10 @@ def measure(described: HardSet, folder: Path, *, circles: bool, train: bool) -> 
     """Make a row of the table."""
     presses = write_balls(described, folder, circles=circles)
     largest = described.ball_radius / described.mm_per_pixel
-    row_scale = described.row_scale if described.row_scale != 1 else None
     try:
-        photographs, untouched, unusable = read_photographs(folder, folder / "untouched.png", largest, row_scale=row_scale)
+        photographs, untouched, unusable = read_photographs(folder, folder / "untouched.png", largest, row_scale=described.row_scale)
+        if described.row_scale == 1:
+            check_square(photographs, untouched, largest)
     except InvalidInput as error:
         return [str(error)]
     ratios = [one.contact.radius / presses[int(one.name[:2])].circle.radius for one in photographs]

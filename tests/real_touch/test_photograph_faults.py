@@ -13,6 +13,7 @@ from pipeline.contrib.calibration.ball_contact import Circle, ball_impression
 from pipeline.contrib.calibration.ball_photographs import read_photographs
 from pipeline.contrib.calibration.calibrate_sensor import uncalibrated_sensor
 from pipeline.contrib.calibration.colour_fit import fit_background
+from pipeline.contrib.calibration.square_pixels import check_square
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.photograph_faults import photograph_faults, untouched_faults
@@ -221,8 +222,9 @@ def test_contacts_that_are_ellipses_need_the_height_of_a_pixel(tmp_path: Path) -
         depth = sensor.w - ball_impression(sensor, contact, 0.004)
         Image.fromarray(noisy(tactile_image(depth, sensor), number)).save(tmp_path / f"{number}.png")
     Image.fromarray(untouched_image(sensor)).save(tmp_path / "untouched.png")
+    photographs, untouched, _ = read_photographs(tmp_path, tmp_path / "untouched.png", 0.004 / sensor.pitch[1])
     with pytest.raises(InvalidInput, match=r"contacts are \d+ % wider than high, in pixels .*add --mm-per-row: .* 1\.(09|10|11)\d times"):
-        read_photographs(tmp_path, tmp_path / "untouched.png", 0.004 / sensor.pitch[1])
+        check_square(photographs, untouched, 0.004 / sensor.pitch[1])
     photographs, _, unusable = read_photographs(tmp_path, tmp_path / "untouched.png", 0.004 / sensor.pitch[1], row_scale=1.1)
     assert unusable == {}
     for photograph, contact in zip(photographs, contacts, strict=True):

@@ -12,7 +12,7 @@ from PIL import Image
 
 from pipeline.console import pluralise
 from pipeline.contrib.calibration.ball_contact import Circle, Photograph
-from pipeline.contrib.calibration.find_contact import SMALLEST, contact_aspect, find_contact
+from pipeline.contrib.calibration.find_contact import SMALLEST, find_contact
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import read_text
 from pipeline.formats.image_file import image_files, read_image
@@ -22,8 +22,6 @@ from pipeline.kernels.touch.photograph_faults import photograph_faults, stop_at
 CIRCLES = "circles.csv"
 """File of known contacts: name, x, y, radius in pixels, from the centre of pixel (0, 0). Other contacts are detected."""
 MAX_BYTES = 10 * 2**20  # largest size of `CIRCLES`
-ROUND = 0.04
-"""Largest deviation of width over height from 1 on square pixels: 0.032 in public photographs, 0.041 ± 0.012 in simulated ones."""
 WIDER = 1.1  # radii of the ball up to which a stated contact is taken for its equator
 MIN_PHOTOGRAPHS = 4  # half of them are fitted, the others tested
 
@@ -33,7 +31,7 @@ def read_photographs(
     untouched_path: Path,  # the photograph with nothing in the gel; it may lie in the folder
     largest: float,  # radius of the ball, pixels
     *,
-    row_scale: float | None = None,  # height over width of a pixel; by default pixels are square, and contacts must be round
+    row_scale: float = 1.0,  # height over width of a pixel
     accept_photographs: bool = False,  # use photographs that look altered as a whole beside the untouched one; else they are errors
 ) -> tuple[list[Photograph], NDArray[np.uint8], dict[str, str]]:  # sorted by name; the untouched one; why others are unusable, by name
     """Read photographs, fill in dots that are printed on the gel, and detect contacts."""
@@ -58,7 +56,7 @@ def read_photographs(
                 continue
             _check_size(image, untouched)
             image = markers.fill(image)
-            photographs.append(Photograph(name, image, _contact(image, untouched, largest, circles.get(name), row_scale or 1.0)))
+            photographs.append(Photograph(name, image, _contact(image, untouched, largest, circles.get(name), row_scale)))
         except InvalidInput as error:
             unusable[name] = str(error)
     stop_at(altered)
@@ -69,28 +67,7 @@ def read_photographs(
     if len(photographs) < MIN_PHOTOGRAPHS:
         causes = reasons(unusable) or "it holds no others"
         raise InvalidInput(f"{folder} has {pluralise(len(photographs), 'usable photograph')}, {MIN_PHOTOGRAPHS} are needed; {causes}")
-    if row_scale is None:
-        _check_roundness(photographs, untouched, largest)
     return photographs, untouched, unusable
-
-
-def _check_roundness(photographs: list[Photograph], untouched: NDArray[np.uint8], largest: float) -> None:
-    """Raise an `InvalidInput` if contacts are ellipses: pixels are not square."""
-    by_size = sorted(photographs, key=lambda photograph: photograph.contact.radius)
-    measured = (contact_aspect(photograph.image, untouched, photograph.contact, largest) for photograph in by_size)
-    aspects = [aspect for aspect in measured if aspect is not None]
-    if len(aspects) < MIN_PHOTOGRAPHS:
-        return
-    aspects = aspects[: max(MIN_PHOTOGRAPHS, len(aspects) // 2)]  # of the smaller half: lamps distort deep presses by up to 12 %
-    aspect = float(np.median(aspects))
-    standard_error = 1.86 * float(np.median(np.abs(np.array(aspects) - aspect))) / math.sqrt(len(aspects))  # of a normal's median
-    if max(aspect, 1 / aspect) - 1 <= ROUND + standard_error:
-        return
-    wider = f"{100 * (aspect - 1):.0f} % wider than high" if aspect > 1 else f"{100 * (1 / aspect - 1):.0f} % higher than wide"
-    raise InvalidInput(
-        f"contacts are {wider}, in pixels (median of the {len(aspects)} smallest): pixels are not square; add --mm-per-row: by this "
-        f"measurement {aspect:.3f} times --mm-per-pixel, which is along a row"
-    )
 
 
 def _check_size(image: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> None:

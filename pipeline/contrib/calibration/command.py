@@ -47,21 +47,21 @@ def calibrate_sensor(
     from pipeline.contrib.calibration import calibrate_sensor as calibration
     from pipeline.contrib.calibration.ball_photographs import read_photographs
     from pipeline.contrib.calibration.colour_fit import FIT_FOR_DEPTH, ColourFitOptions, missing_photographs
+    from pipeline.contrib.calibration.square_pixels import check_square
     from pipeline.formats.image_file import read_image
     from pipeline.kernels.touch.calibrated_shading import fitted_range
 
     calibration.check_name(out, untouched)
-    row_scale = mm_per_row and mm_per_row / mm_per_pixel
-    photographs, image, unusable = read_photographs(
-        folder, untouched, ball_radius / mm_per_pixel, row_scale=row_scale, accept_photographs=accept_photographs
-    )
+    row_scale, largest = (mm_per_row or mm_per_pixel) / mm_per_pixel, ball_radius / mm_per_pixel
+    photographs, image, unusable = read_photographs(folder, untouched, largest, row_scale=row_scale, accept_photographs=accept_photographs)
+    doubts = [] if mm_per_row else check_square(photographs, image, largest)
     if (image != read_image(untouched)).any():
         print_lines("dots that are printed on the gel are filled in")
     radius, began = 1e-3 * ball_radius, time.perf_counter()
     defaults = FIT_FOR_DEPTH if train else ColourFitOptions()
     options = replace(defaults, normal_degree=normal_degree, position_degree=position_degree, shadows=shadows)
     try:
-        sizes = {"pitch": 1e-3 * mm_per_pixel, "thickness": 1e-3 * thickness, "row_scale": row_scale or 1.0}
+        sizes = {"pitch": 1e-3 * mm_per_pixel, "thickness": 1e-3 * thickness, "row_scale": row_scale}
         sensor = calibration.uncalibrated_sensor(out.stem, image.shape[:2], **sizes)
         result = calibration.calibrate(sensor, photographs, image, ball_radius=radius, options=options)
     except ValidationError as error:
@@ -85,7 +85,7 @@ def calibrate_sensor(
         f"then fitted to all {len(result.photographs)}; {surface}, position degree {fit.position_degree}",
         *fitted_range(fit.calibration),
     )
-    for line in fit.doubts:
+    for line in [*doubts, *fit.doubts]:
         print_warning("in doubt:", line)
     for line in missing_photographs(fit.sensor, fit.calibration, [photograph.contact for photograph in result.photographs]):
         print_warning("missing:", line)

@@ -32,9 +32,8 @@ ALIKE = 3.0  # standard deviation of smoothing across rays, in rays
 FITS, SETTLED = 5, 0.2  # of the circle, each about the middle of the last; largest shift of the last one, radii
 BEYOND = 1.05  # radii of the ball up to which the rim is searched
 ASIDE = 0.06  # distance of points of the rim from the circle, radii, up to which they count
-ROUNDNESS = 0.2  # of `contact_aspect`: largest distance of the rim from a circle, radii
-LEAST_ROUND, ROUNDS = 0.8, 10  # least share of it in the image; rounds of reweighting
-RIM = 2.0  # the same in pixels, at least; and pixels on either side that are compared
+RIM = 2.0  # the same in pixels, at least
+ONE_WAY = 0.7  # length of the mean change of a region's colours over their mean change, beyond which it is a shadow, not a second contact
 
 
 def find_contact(
@@ -48,8 +47,7 @@ def find_contact(
     is most nearly an odd function. Then a circle is fitted by RANSAC to the rim, a point in each direction that the image shows: the last
     in which the change is nearly its greatest. Where it falls fastest is the gel around the contact, far outside that of a deep press.
     """
-    change = gaussian(image.astype(float) - untouched, 1.5, channel_axis=2)
-    change -= np.median(change, axis=(0, 1))
+    change = smooth_change(image, untouched)
     strength = gaussian(np.abs(change).mean(axis=2), 3)
     if strength.max() < LEAST_CHANGE:
         raise InvalidInput(f"nothing touches: it differs from the untouched one by {strength.max():.1f} of {LEAST_CHANGE:g} levels")
@@ -66,9 +64,11 @@ def find_contact(
         raise InvalidInput(f"the contact's radius is {radius:.1f} pixels; {SMALLEST:g} are needed")
     _check_seen(_polar(change, x, y, int(radius) + 1)[1][:, int(radius * PER_PIXEL)], x, y)
     for other in others:
-        distance = np.hypot(other.coords[:, 1] - x, other.coords[:, 0] - y).min()
-        if distance > radius + SMALLEST and other.area > np.pi * SMALLEST**2 and other.intensity_max > strength.max() / 2:
-            row, col = other.centroid
+        row, col = other.centroid
+        colours = change[tuple(other.coords.T)]
+        one_way = np.linalg.norm(colours.mean(axis=0)) > ONE_WAY * np.linalg.norm(colours, axis=1).mean()
+        apart = not one_way or math.dist((col, row), (x, y)) > 2 * largest  # for there are two radii between two balls
+        if apart and other.area > np.pi * SMALLEST**2 and other.intensity_max > strength.max() / 2:
             shown = f"it shows a contact at ({x:.0f}, {y:.0f}) and a second one at ({col:.0f}, {row:.0f})"
             raise InvalidInput(f"{shown}; photograph one ball at a time, or give the contact that counts in circles.csv")
     row, col = np.indices(strength.shape)
@@ -78,27 +78,13 @@ def find_contact(
     return Circle(x, y, min(radius, largest))
 
 
-def contact_aspect(
+def smooth_change(
     image: NDArray[np.uint8],  # (rows, cols, 3)
     untouched: NDArray[np.uint8],  # (rows, cols, 3)
-    contact: Circle,
-    largest: float,  # radius that a contact can have, pixels
-) -> float | None:
-    """Measure width over height of a contact's rim, in pixels; None if less than `LEAST_ROUND` of the rim shows.
-
-    The rim lies, in each direction θ, where colours jump most near the circle, and not beyond the ball. a + b cos 2θ and the terms of 2θ
-    and θ that shift and turn it are fitted to its radius by reweighted least squares; the ratio is (a + b)/(a - b).
-    """
+) -> Array:  # (rows, cols, 3) levels
+    """Compute the change of colours against the untouched photograph, without noise and drift of the whole image."""
     change = gaussian(image.astype(float) - untouched, 1.5, channel_axis=2)
-    angles, radii, visible = _rim_points(change, contact, largest)
-    if visible < LEAST_ROUND:
-        return None
-    terms = np.stack([np.ones_like(angles), np.cos(2 * angles), np.sin(2 * angles), np.cos(angles), np.sin(angles)], axis=1)
-    weights = np.ones(len(angles))
-    for _ in range(ROUNDS):
-        fitted = np.linalg.lstsq(terms * weights[:, None], radii * weights, rcond=None)[0]
-        weights = 1 / (1 + ((radii - terms @ fitted) / RIM) ** 2)
-    return float((fitted[0] + fitted[1]) / (fitted[0] - fitted[1]))
+    return np.asarray(change - np.median(change, axis=(0, 1)))
 
 
 def _by_symmetry(change: Array, region: Any) -> tuple[float, float]:
@@ -136,18 +122,6 @@ def _check_seen(seen: Mask, x: float, y: float) -> None:
     if seen.mean() < LEAST_SEEN:
         share = f"{100 * seen.mean():.0f} % of the rim of the contact at ({x:.0f}, {y:.0f})"
         raise InvalidInput(f"the image shows {share}; {100 * LEAST_SEEN:.0f} % are needed")
-
-
-def _rim_points(change: Array, contact: Circle, largest: float) -> tuple[Array, Array, float]:
-    """Find the rim near a circle: angles, and the radius at each where colours jump most; and the share in the image."""
-    across = int(2 * RIM * PER_PIXEL)
-    rays, inside = _polar(change, contact.x, contact.y, int(contact.radius * (1 + ROUNDNESS) + RIM) + 2)
-    jump = np.abs(rays[:, :-across] - rays[:, across:]).mean(axis=2)
-    radii = RIM + np.arange(jump.shape[1]) / PER_PIXEL
-    in_range = (np.abs(radii - contact.radius) <= ROUNDNESS * contact.radius) & (radii < BEYOND * largest)
-    visible = (inside[:, :-across] & inside[:, across:])[:, in_range].all(axis=1)
-    angles = np.linspace(0, 2 * np.pi, ANGLES, endpoint=False)[visible]
-    return angles, radii[in_range][jump[visible][:, in_range].argmax(axis=1)], float(visible.mean())
 
 
 def _polar(image: Array, x: float, y: float, reach: int) -> tuple[Array, Mask]:

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import vt_pipeline
 from benchmarks.real_touch.hard_sets import HardSet, hard_press, hard_untouched
 from pipeline.contrib.calibration.ball_contact import Circle, ball_impression
 from pipeline.contrib.calibration.ball_photographs import read_photographs
@@ -15,7 +14,7 @@ from pipeline.contrib.calibration.calibrate_sensor import check_name
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor, sensor_files
 from pipeline.kernels.touch.markers import MarkerGrid
-from pipeline.kernels.touch.sensor import Sensor, pixel_centres
+from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import background, tactile_image, untouched_image
 from pipeline.real_touch import TouchReader
 from tests.command_line import vt
@@ -105,28 +104,6 @@ def test_unusable_photographs_are_refused_with_the_reason(folder: Path, tmp_path
             (place / "circles.csv").write_text(circles)
         with pytest.raises(InvalidInput, match=message):
             read_photographs(place, folder.parent / "untouched.png", LARGEST)
-
-
-@pytest.mark.parametrize("rows", [109, 120, 132])
-def test_pixels_must_be_square_though_deep_contacts_look_wide(tmp_path: Path, rows: int) -> None:
-    """Lamps distort deep presses: with square pixels, 120 rows, the median of all contacts is 5 % wider than high."""
-    sensor, rng = vt_pipeline.load_sensor("gelsight_mini", shape=(120, 160)), np.random.default_rng(0)
-    x, y = pixel_centres(sensor)
-
-    def save(image: np.ndarray, name: str) -> None:
-        Image.fromarray(image).resize((160, rows), Image.Resampling.BILINEAR).save(tmp_path / f"{name}.png")
-
-    save(untouched_image(sensor), "untouched")
-    for number in range(8):
-        depth, middle = rng.uniform(0.3, 1) * 0.0015, rng.uniform(-0.3, 0.3, 2) * (sensor.width, sensor.height)
-        ball = np.sqrt(np.maximum(0.004**2 - (x - middle[0]) ** 2 - (y[:, None] - middle[1]) ** 2, 0))
-        image = vt_pipeline.press(ball - 0.004, sensor, depth=depth).image
-        save(np.clip(image + rng.normal(0, 1, image.shape), 0, 255).round().astype(np.uint8), str(number))
-    if rows == 120:
-        assert len(read_photographs(tmp_path, tmp_path / "untouched.png", 0.004 / sensor.pitch[1])[0]) == 8
-    else:
-        with pytest.raises(InvalidInput, match="% higher than wide" if rows > 120 else "% wider than high"):
-            read_photographs(tmp_path, tmp_path / "untouched.png", 0.004 / sensor.pitch[1])
 
 
 @pytest.mark.parametrize(
