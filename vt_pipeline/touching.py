@@ -23,8 +23,7 @@ from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sen
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from vt_pipeline.objects import Source, TouchObject, as_object
 
-MIN_TOUCHES_PER_PROCESS = 32
-"""Least number of touches for which a process is started."""
+MIN_TOUCHES_PER_PROCESS = 32  # least number of touches for which a process is started
 
 
 @dataclass(frozen=True, eq=False)

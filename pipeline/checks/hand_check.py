@@ -49,8 +49,7 @@ VIEWS = {"from +x": (1, 2, 0), "from +y": (0, 2, 1), "from +z": (0, 1, 2)}
 MAX_TRIANGLES = 20_000  # of each collision shape in a picture; others are not drawn
 ROUNDED = 0.01  # share of a joint's range by which it may pass its limits: multipliers and limits are rounded
 HOLLOW = 2e-3  # m, depth from which a hollow that a convex shape fills is reported: more than a gel is pressed in
-RED, GREY = (0.9, 0.2, 0.2), (0.6, 0.65, 0.7)
-"""Colours of links that overlap, and of others, where they face the viewer."""
+RED, GREY = (0.9, 0.2, 0.2), (0.6, 0.65, 0.7)  # colours of links that overlap, and of others, where they face the viewer
 ARROW = 0.15  # length of the palm's arrow, and of a sensor's longest motion, as a share of the hand's size
 STEP = 0.05  # share of every joint's range by which joints move to find the closing directions
 ATTEMPTS = 10

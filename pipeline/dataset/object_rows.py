@@ -23,8 +23,7 @@ from schemas.catalogue import artifact_of
 from schemas.charts import FITTED
 from schemas.surfaces import SURFACES
 
-CACHE_MEGABYTES = 256.0
-"""Size of the cache of decoded arrays: a small dataset is read once, a large one streams through."""
+CACHE_MEGABYTES = 256.0  # size of the cache of decoded arrays: a small dataset is read once, a large one streams through
 
 POINTS = ("local_points", "local_count")
 """Arrays that need not be stored: they are computed from depth and sensor pose, equal to the bit."""

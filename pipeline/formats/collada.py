@@ -41,8 +41,7 @@ UNREAD_SHAPES = {
 }
 """Elements that change the shape and are not read."""
 SHADERS = ("phong", "lambert", "blinn", "constant")
-LUMINANCE = np.array([0.212671, 0.71516, 0.072169])
-"""Of linear red, green and blue, as COLLADA 1.4.1 weighs them for RGB_ZERO."""
+LUMINANCE = np.array([0.212671, 0.71516, 0.072169])  # of linear red, green and blue, as COLLADA 1.4.1 weighs them for RGB_ZERO
 
 
 def read_collada(file: Companions, textures: Textures) -> Iterator[Mesh]:

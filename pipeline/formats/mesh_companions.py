@@ -31,8 +31,7 @@ IMAGE = re.compile(rb"<image\b[^>]*>(?:(?!</?image\b).)*?<init_from>([^<]*)</ini
 """An image of a COLLADA file, with its file. Surfaces contain `init_from` too, but with the id of an image."""
 SEARCHED_SUFFIXES = {".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tga", ".tif", ".tiff", ".webp", ".dds", ".ppm", ".pcx"}
 """Suffixes of files that are searched for. A glTF's buffer is not: another one would be another shape."""
-MAX_ENTRIES = 200_000
-"""Maximum number of files and folders below a folder that is searched; a larger one is not searched."""
+MAX_ENTRIES = 200_000  # maximum number of files and folders below a folder that is searched; a larger one is not searched
 CACHE_SECONDS = 60  # how long a listing is used: thousands of meshes may lack their textures
 
 

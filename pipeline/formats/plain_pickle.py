@@ -17,8 +17,7 @@ import numpy as np
 
 from pipeline.errors import InvalidInput
 
-MAX_STEPS = 2_000_000
-"""Opcodes that are followed, 200 bytes of memory each at most: 5,000 grasps of DexGraspNet have 400,000."""
+MAX_STEPS = 2_000_000  # opcodes that are followed, 200 bytes of memory each at most: 5,000 grasps of DexGraspNet have 400,000
 MAX_DIMS = 32  # of an array: the product of many large sizes would take hours
 OPCODES = re.compile(
     "PROTO|FRAME|STOP|MARK|NONE|NEWTRUE|NEWFALSE|BININT[12]?|LONG[14]|BINFLOAT|(SHORT_)?BIN(UNICODE|BYTES)|BIN(UNICODE|BYTES)8"

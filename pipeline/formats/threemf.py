@@ -40,8 +40,7 @@ MODEL = "3D/3dmodel.model"  # the usual name of the main model
 RELATION, TARGET = re.compile(rb"<[^<>]*Relationship\s[^<>]*>"), re.compile(rb"\sTarget\s*=\s*[\"']([^\"']*)")
 MAIN = re.compile(rb"\sType\s*=\s*[\"'][^\"']*/3dmodel[\"']")
 """A relation to the main model (Open Packaging Conventions, section 6.5)."""
-PAINT = ("paint_color", "mmu_segmentation")
-"""Attributes of triangles in which slicers store painted colours in a form of their own."""
+PAINT = ("paint_color", "mmu_segmentation")  # attributes of triangles in which slicers store painted colours in a form of their own
 PROPERTIES = ("pid", "p1", "p2", "p3")
 EXTENSIONS = ("core/", "material/", "production/", "slice/", "trianglesets/")
 """Parts of the names of the extensions that a file may require: those that are read, and two that do not change the mesh."""
@@ -59,8 +58,7 @@ SLICER_VOLUMES = {
 FILAMENTS = "Metadata/project_settings.config"  # where Bambu Studio and its like state the colours of filaments
 CURA_VOLUMES = ("support_mesh", "anti_overhang_mesh", "cutting_mesh", "infill_mesh")
 """Cura's settings of an object that is no part of the shape."""
-SETTINGS = ("metadatagroup", "settings")
-"""Elements of an object that hold its settings; the latter is of early versions of Cura."""
+SETTINGS = ("metadatagroup", "settings")  # elements of an object that hold its settings; the latter is of early versions of Cura
 
 
 @dataclass

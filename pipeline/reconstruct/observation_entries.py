@@ -18,8 +18,7 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.transforms import rotation_from_euler
 from pipeline.kernels.touch.sensor import Sensor
 
-ROTATION_TOLERANCE = 1e-3
-"""Deviation from orthonormal of a rotation that is rounded to the nearest one: files have few digits."""
+ROTATION_TOLERANCE = 1e-3  # deviation from orthonormal of a rotation that is rounded to the nearest one: files have few digits
 QUATERNION_TOLERANCE = 1e-2  # deviation of a quaternion's length from 1
 
 Vector = tuple[float, float, float]

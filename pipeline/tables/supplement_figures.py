@@ -1,8 +1,7 @@
 """The supplement's figures, by class or configuration."""
 
 PAPER = "Smith et al. 2020"  # the name of the paper and its supplement in tables
-TABLE_1 = {"bottle": 71.8, "knife": 54.1, "cellphone": 67.2, "rifle": 53.6, "all": 62.7}
-"""Per cent of touches that succeed."""
+TABLE_1 = {"bottle": 71.8, "knife": 54.1, "cellphone": 67.2, "rifle": 53.6, "all": 62.7}  # per cent of touches that succeed
 TOUCHES_PER_GRASP = (0.0, 9.47, 26.08, 53.83, 10.61)
 """Section 1.6: per cent of grasps with 0 to 4 successful touches; it prints none for 0."""
 TABLE_2 = {

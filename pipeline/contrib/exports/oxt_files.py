@@ -20,8 +20,7 @@ from pipeline.dataset.grasps import grasping_hand
 from pipeline.errors import StoreError
 from pipeline.store.storage import Location
 
-CHUNK_BYTES = 2 * 10**6
-"""Size of a chunk, or that of a frame if it is larger."""
+CHUNK_BYTES = 2 * 10**6  # size of a chunk, or that of a frame if it is larger
 KINDS = {
     "tactile_image": ("image", "image"),
     "touch_success": ("contact", "binary"),
