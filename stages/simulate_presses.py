@@ -12,6 +12,7 @@ from pydantic import AfterValidator, Field
 from pipeline.config.settings import ObjectSettings, described_by, setting
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Unit
+from pipeline.entries import Range
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor, sensor_files
 from pipeline.kernels.touch.depth_maps import normal_force, press_gel, quantise_depth, scaled_gel
@@ -38,15 +39,7 @@ GEL_BITS, FAR_BITS = 26, 18
 """Depths are stored in steps of 2^-26 m in the gel and of 2^-18 m beyond, as `simulate-touch` stores them."""
 
 
-def rising(limits: tuple[float, float]) -> tuple[float, float]:
-    """Return a range as it is; raise a `ValueError` if its ends are exchanged."""
-    if limits[0] > limits[1]:
-        raise ValueError(f"it is {list(limits)}; the least comes first, then the greatest")
-    return limits
-
-
-Positive = Annotated[float, Field(gt=0, le=10)]
-Range = Annotated[tuple[Positive, Positive], AfterValidator(rising)]
+Positives = Range[Annotated[float, Field(gt=0, le=10)]]
 DEFAULT = PressRanges()
 
 
@@ -69,8 +62,8 @@ class GelSettings(ObjectSettings):
     shapes: tuple[Annotated[str, AfterValidator(known_shape)], ...] = setting(
         tuple(SHAPES), "all shapes: a network memorises a single one", min_length=1, changes="definition"
     )
-    size: Range = setting(DEFAULT.size, "least and greatest radius of a shape, m: what fits on a gel of 2 cm", changes="definition")
-    depth: Range = setting(
+    size: Positives = setting(DEFAULT.size, "least and greatest radius of a shape, m: what fits on a gel of 2 cm", changes="definition")
+    depth: Positives = setting(
         DEFAULT.depth, "least and greatest depth of the deepest point in the gel, m: what hands and people press", changes="definition"
     )
 
@@ -79,7 +72,7 @@ class PressSettings(GelSettings):
     """The number of presses, and variants of the gel."""
 
     presses: int = setting(72, "per object: 1800 for 25 objects, enough for a small network", ge=1, le=10_000, changes="definition")
-    gel: Range | None = setting(
+    gel: Positives | None = setting(
         None,
         "least and greatest factor of the membrane's width, or of an elastic gel's thickness, drawn per press; null: the sensor's gel",
         changes="definition",

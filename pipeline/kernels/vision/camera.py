@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, model_validator
 
-from pipeline.entries import Entries
+from pipeline.entries import Entries, Range
 from pipeline.kernels.arrays import Array, Floats
 from pipeline.kernels.geometry.transforms import compose, invert_pose, invert_similarity, length, pose_of, rotation_from_euler
 
@@ -32,16 +32,9 @@ FARTHEST = 1.75  # distance of the renderings' camera from the origin where the 
 class DrawnViews(Entries):
     """Where a camera is in each image, drawn evenly; it looks at the object's middle, its top upwards."""
 
-    distance: tuple[Distance, Distance] = Field(description="from the middle of the object, m: least and most")
-    elevation: tuple[Elevation, Elevation] = Field(description="above the horizon, degrees: least and most")
-    azimuth: tuple[Angle, Angle] = Field((-180.0, 180.0), description="about the world's +z, from +x, degrees: least and most")
-
-    @model_validator(mode="after")
-    def _in_order(self) -> "DrawnViews":
-        for name, (least, most) in self:
-            if least > most:
-                raise ValueError(f"{name} is [{least:g}, {most:g}]; put the smaller number first")
-        return self
+    distance: Range[Distance] = Field(description="from the middle of the object, m: least and most")
+    elevation: Range[Elevation] = Field(description="above the horizon, degrees: least and most")
+    azimuth: Range[Angle] = Field((-180.0, 180.0), description="about the world's +z, from +x, degrees: least and most")
 
     def draw(self, rng: np.random.Generator, middle: Array) -> Array:  # (3,) world, m
         """Draw the position of a camera around a point."""
