@@ -52,10 +52,7 @@ COMMON = {
     "category": Array("object", "string", "1", "The object's class."),
     "split": Array("object", "string", "1", "train, valid or test: a label, on which no value depends."),
     "ok": Array(
-        "object",
-        "bool",
-        "1",
-        "False where the object could not be processed: its rows are zeros, and `failures` in the attributes says why.",
+        "object", "bool", "1", "False where the object was not processed: its rows are zeros, and `failures` in the attributes says why."
     ),
 }
 """Arrays that every artifact has."""
@@ -89,11 +86,7 @@ class Artifact(Entries):
 COORDINATES = {
     "grasp": Array("grasp", "int32", "1", "Number of the grasp, 0 the best.", optional=True),
     "sensor": Array(
-        "sensor",
-        "string",
-        "1",
-        "Name of the sensor: its finger's, numbered where it has several, or the one in the hand file.",
-        optional=True,
+        "sensor", "string", "1", "Name of the sensor: its finger's, numbered where it has several, or that in the hand file.", optional=True
     ),
     "joint": Array("joint", "string", "1", "Name of the joint in the hand's URDF, finger by finger.", optional=True),
 }
@@ -103,3 +96,9 @@ COORDINATES = {
 def coordinates(*names: str) -> dict[str, Array]:
     """Declare the labels of these dimensions."""
     return {name: COORDINATES[name] for name in names}
+
+
+def depth_map(dims: str) -> Array:
+    """Declare maps of the depths that a sensor measures."""
+    meaning = "D: distance from the sensor plane along its normal; +inf where nothing is met within range."
+    return Array(f"{dims} row col", "float32", "m", meaning, equation="1", infinite=True)

@@ -1,6 +1,6 @@
 """Schema of `presses`, from `simulate-presses`: tactile images of shapes that are pressed into a gel without a hand."""
 
-from schemas.base import Array, Artifact
+from schemas.base import Array, Artifact, depth_map
 
 PRESSED = ("patch", "ball", "ellipsoid", "cone", "cylinder", "prism", "pyramid", "post", "edge", "ring", "bumps", "stairs", "relief")
 """Pressed shapes; `press_shape` holds indices into this. A patch is one of the object."""
@@ -15,19 +15,9 @@ PRESSES = Artifact(
         "press_shape": Array(
             "object press", "uint8", "1", f"What was pressed: {', '.join(f'{code} {name}' for code, name in enumerate(PRESSED))}."
         ),
-        "press_depth": Array(
-            "object press row col",
-            "float32",
-            "m",
-            "D: distance of the pressed shape from the sensor plane along its normal; +inf where nothing is met within range.",
-            equation="1",
-            infinite=True,
-        ),
+        "press_depth": depth_map("object press"),
         "press_indentation": Array(
-            "object press row col",
-            "float32",
-            "m",
-            "How deep the gel's surface lies below its rest: in the contact as the shape, around it as the gel is drawn in.",
+            "object press row col", "float32", "m", "How deep the gel's surface lies below its rest, drawn in around the contact too."
         ),
         "press_contact": Array("object press row col", "bool", "1", "Whether the shape touches the gel."),
         "press_pressure": Array(

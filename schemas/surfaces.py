@@ -24,10 +24,7 @@ SURFACES = Artifact(
         "licence": Array("object", "string", "1", "Licence of the mesh, as the manifest states it."),
         "unread": Array("object", "string", "1", "What the file holds or names and the mesh lacks, with reasons, one per line."),
         "metres_per_unit": Array(
-            "object",
-            "float64",
-            "m",
-            "Unit of the file where objects have sizes of their own; 0 where all were scaled to one size.",
+            "object", "float64", "m", "Unit of the file where objects have sizes of their own; 0 where all were scaled to one size."
         ),
         "watertight": Array("object", "bool", "1", "Every edge of the mesh has two faces."),
         "degenerate_faces": Array("object", "int32", "1", "Faces without area that the gate removed."),
@@ -41,11 +38,7 @@ SURFACES = Artifact(
         "meshes/base_color": Array("material rgba", "uint8", "1/255", "sRGB colour and opacity of a material."),
         "meshes/material_texture": Array("material", "int32", "1", "N of the `texture_N` a material wears, -1 for none."),
         "meshes/vertex_color": Array(
-            "vertex rgba",
-            "uint8",
-            "1/255",
-            "sRGB colour and opacity of a vertex, linear over faces, times `base_color`; of files that state vertex colours.",
-            optional=True,
+            "vertex rgba", "uint8", "1/255", "sRGB and opacity, linear over faces, times `base_color`; of files with them.", optional=True
         ),
         "meshes/texture_*": Array("texture_row texture_column rgba", "uint8", "1/255", "A texture, top row first."),
     },
