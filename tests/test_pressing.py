@@ -42,7 +42,7 @@ def test_only_elastic_gels_give_pressure_and_force():
     assert touch.pressure.sum() * np.prod(ELASTIC.pitch) == pytest.approx(touch.force)
     assert touch.contact_area == pytest.approx(np.pi * RADIUS * 5e-4, rel=0.06)  # half the area that the ball cuts out of the gel's plane
     assert len(touch.points) == (touch.pressure > 0).sum()
-    with pytest.raises(vt.InvalidInput, match="sensor gelsight has no elastic gel, so pressure is not known; give its file `gel:"):
+    with pytest.raises(vt.InvalidInput, match="sensor gelsight has no elastic gel, so pressure is unknown; give its file `gel:"):
         _ = vt.press(RELIEF, SENSOR, depth=5e-4).force
 
 

@@ -118,9 +118,7 @@ def press(
     pose[:3, 3] += (depth - _deepest(depth_map, sensor)) * pose[:3, 2]
     touched = touch(object_, sensor, pose, rng=rng)
     if abs((reached := _deepest(touched.depth, sensor)) - depth) > DEPTH_TOLERANCE:
-        raise InvalidInput(
-            f"a part of the object begins behind the pose's plane and would lie {reached:.3g} m deep; let the pose begin outside"
-        )
+        raise InvalidInput(f"part of the object begins behind the pose's plane and would lie {reached:.3g} m deep; begin outside")
     return touched
 
 

@@ -62,9 +62,7 @@ class Touch:
     def pressure(self) -> NDArray[np.float64]:
         """(rows, cols) normal pressure, Pa; an `InvalidInput` if the sensor has no elastic gel."""
         if self.gel.pressure is None:
-            raise InvalidInput(
-                f"sensor {self.sensor.name} has no elastic gel, so pressure is not known; give its file `gel: {{modulus: …}}`"
-            )
+            raise InvalidInput(f"sensor {self.sensor.name} has no elastic gel, so pressure is unknown; give its file `gel: {{modulus: …}}`")
         return self.gel.pressure
 
     @property

@@ -67,8 +67,7 @@ def submit(jobs: Sequence[Job], submission: Submission) -> Iterator[SubmittedJob
         for made in earlier:
             if waiting := sum(states[task][0] in ("pending", "running") for task in made.task_names):
                 raise StageError(
-                    f"{made.output} is being made: job {made.number} has {pluralise(waiting, 'task')} not ended yet; wait for it, "
-                    f"or end it with `scancel {made.number}`"
+                    f"job {made.number} makes {made.output}, {pluralise(waiting, 'task')} left; wait, or `scancel {made.number}`"
                 )
         ids: dict[str, str] = {}
         for job in jobs:

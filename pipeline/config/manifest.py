@@ -46,9 +46,7 @@ class Splits(Entries):
     @model_validator(mode="after")
     def _sum(self) -> "Splits":
         if not self.are_counts and abs(self._total - 1) > 1e-9:
-            raise ValueError(
-                f"{self.train:g} + {self.valid:g} + {self.test:g} = {self._total:g}; shares must sum to 1, counts be whole numbers"
-            )
+            raise ValueError(f"{self.train:g} + {self.valid:g} + {self.test:g} = {self._total:g}; shares sum to 1, counts are whole")
         return self
 
 
@@ -116,9 +114,7 @@ class Manifest(Entries):
         if not files:
             raise InvalidInput(f"manifest {self.name} names no mesh files, so units and an up-axis mean nothing; leave them out")
         if units is not None and all(source.metres_per_unit is not None for source in files):
-            raise InvalidInput(
-                f"every source of manifest {self.name} states its metres_per_unit; leave --units {units} out, or correct the manifest"
-            )
+            raise InvalidInput(f"all sources of manifest {self.name} state metres_per_unit; leave --units {units} out, or correct it")
         metres = METRES[units] if units else None
         return self._with(MeshSource, lambda source: {"metres_per_unit": source.metres_per_unit or metres, "up": up or source.up})
 
@@ -144,9 +140,7 @@ class Manifest(Entries):
             )
         if len(takers) > 1:
             remedy = "state the `path` of all but one" if takers[0].path is None else "each states its `path`, so leave --objects out"
-            raise InvalidInput(
-                f"{len(takers)} sources of manifest {self.name} take a folder, and --objects (make: OBJECTS=) names one: {remedy}"
-            )
+            raise InvalidInput(f"{len(takers)} sources of {self.name} take a folder, and --objects (make: OBJECTS=) names one: {remedy}")
         return [(source, root if source is takers[0] else None) for source in self.sources]
 
     def _splits_of(self, objects: Sequence[Object]) -> dict[str, str]:
@@ -195,9 +189,7 @@ def _check_names(objects: Sequence[Object]) -> None:
     for one, other in pairwise(objects):
         if one.object_id == other.object_id:
             origins = " and ".join(str(item.source.get("file", "a procedural one")) for item in (one, other))
-            raise InvalidInput(
-                f"two objects are called {one.object_id}: {origins}; rename a file, or let one procedural source make the class"
-            )
+            raise InvalidInput(f"two objects are called {one.object_id}: {origins}; rename a file, or let one procedural source make both")
 
 
 def load_manifest(name_or_path: str) -> Manifest:

@@ -93,9 +93,7 @@ class WorkerProcesses(Executor):
         try:
             return _Worker(self._folder)
         except OSError as error:
-            raise StageError(
-                f"worker processes cannot be started ({error}); run again, with fewer --workers, or with --executor serial"
-            ) from error
+            raise StageError(f"worker processes cannot start ({error}); run again with fewer --workers, or --executor serial") from error
 
     def _end_busy(self) -> None:
         for worker in self._busy:

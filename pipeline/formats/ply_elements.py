@@ -171,6 +171,4 @@ def _list_sizes(element: Element, source: _Source, start: int, rows: int) -> dic
 
 
 def _cut_off(element: Element, source: _Source) -> InvalidInput:
-    return InvalidInput(
-        f"its {element.length} rows of {element.name} need more than the {source.length} {source.unit} that follow; it is cut off"
-    )
+    return InvalidInput(f"its {element.length} rows of {element.name} need more than the {source.length} {source.unit} left; it is cut off")

@@ -169,9 +169,7 @@ def read_recipe(path: Path) -> Recipe:
     if not isinstance(content, dict) or "recipe" not in content:
         raise InvalidInput(f"{path} is no recipe: it has no entry `recipe`; `vt-pipeline recipe DATA > FILE` writes one")
     if content["recipe"] != 1:
-        raise InvalidInput(
-            f"recipe {path} is of version {content['recipe']!r:.40}, this vt-pipeline reads 1; use the version that wrote it"
-        )
+        raise InvalidInput(f"recipe {path} has version {content['recipe']!r:.40}, this vt-pipeline reads 1; use the version that wrote it")
     try:
         recipe = Recipe.model_validate({**content, "objects": "".join(line.removeprefix("  ") for line in lines.splitlines(True))})
         recipe.rows  # noqa: B018 (an error where a line cannot be used)

@@ -196,9 +196,7 @@ def _distant_positions(observation: RobotObservation) -> Iterator[Fault]:
             yield Fault(f"{name} is {distance:g} {observation.unit}{away} (at most {FARTHEST:g} m): {remedy}{frame}")
     diagonal = observation.object.diagonal
     if diagonal is not None and diagonal * observation.metres_per_unit < SMALLEST:
-        yield Fault(
-            f"object.diagonal is {diagonal:g} {observation.unit} (at least {SMALLEST:g} m): check the unit, which is that of all lengths"
-        )
+        yield Fault(f"object.diagonal is {diagonal:g} {observation.unit} (at least {SMALLEST:g} m): check the unit, that of all lengths")
 
 
 def _not_located(observation: RobotObservation) -> Iterator[Fault]:

@@ -98,9 +98,7 @@ def refuse_links(folder: Path, names: Iterable[str]) -> None:
     """Raise a `StoreError` if the path of a file below a folder contains a symbolic link; the folder itself may be one."""
     paths = {path for name in names for path in (Path(name), *Path(name).parents[:-1])}
     if link := next((folder / path for path in sorted(paths) if (folder / path).is_symlink()), None):
-        raise StoreError(
-            f"{link} is a symbolic link to {os.readlink(link)}; nothing is written through links: remove it, then run this again"
-        )
+        raise StoreError(f"{link} is a symbolic link to {os.readlink(link)}; nothing is written through links: remove it, then run again")
 
 
 @contextmanager

@@ -60,9 +60,7 @@ def as_location(text: str | Location) -> Location:
     if not separator:
         return expanded(str(text))
     if protocol not in PROTOCOLS or not rest.strip("/"):
-        raise InvalidInput(
-            f"{text} cannot hold data; give a folder, or {' or '.join(f'{protocol}://BUCKET/PREFIX' for protocol in PROTOCOLS)}"
-        )
+        raise InvalidInput(f"{text} cannot hold data; give a folder, or {' or '.join(f'{name}://BUCKET/PREFIX' for name in PROTOCOLS)}")
     return UPath(f"{protocol}://{'/'.join(filter(None, rest.split('/')))}")
 
 

@@ -247,9 +247,7 @@ def within_time(trades: Sequence[MeasuredTrade], workload: Workload, seconds: fl
                 plans.append(plan)
     fitting = [plan for plan in plans if plan[0] <= seconds]
     if not fitting:
-        raise InvalidInput(
-            f"the fastest measured settings take {plans[0][0]:.0f} s, {seconds:.0f} s were given; take more cores or fewer objects"
-        )
+        raise InvalidInput(f"the fastest settings take {plans[0][0]:.0f} s, {seconds:.0f} s were given; take more cores or fewer objects")
     return list(fitting[-1][2])
 
 

@@ -109,9 +109,7 @@ class RenderVision(ObjectStage):
         if attributes["grasps"]["hand"]["digest"] == assets_digest(load_hand(str(settings.hand)).files):  # the files may have been moved
             return
         if hand != settings.hand:
-            raise InvalidInput(
-                f"the grasps were made with hand {hand}, render-vision.hand is {settings.hand}; leave it out, or set --set hand={hand}"
-            )
+            raise InvalidInput(f"the grasps are of hand {hand}, render-vision.hand is {settings.hand}; leave it out, or --set hand={hand}")
         raise InvalidInput(f"the files of hand {hand} have changed since the grasps were made; run simulate-grasps again")
 
     def describe_misfits(self, settings: VisionSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:

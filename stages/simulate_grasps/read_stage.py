@@ -143,7 +143,5 @@ def model_joints(hand: Hand) -> list[str]:
 def grasp_folder(settings: ReadSettings) -> Path:
     """Return the folder of grasps."""
     if settings.folder is None or not (folder := expanded(settings.folder)).is_dir():
-        raise InvalidInput(
-            f"read-grasps.folder is {settings.folder or 'not set'}; name a folder with --set read-grasps.folder=FOLDER (make: SET=)"
-        )
+        raise InvalidInput(f"read-grasps.folder is {settings.folder or 'not set'}; use --set read-grasps.folder=FOLDER (make: SET=)")
     return folder
