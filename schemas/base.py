@@ -51,9 +51,7 @@ COMMON = {
     "object_id": Array("object", "string", "1", "The same names as `object`, called as in records and tables."),
     "category": Array("object", "string", "1", "The object's class."),
     "split": Array("object", "string", "1", "train, valid or test: a label, on which no value depends."),
-    "ok": Array(
-        "object", "bool", "1", "False where the object was not processed: its rows are zeros, and `failures` in the attributes says why."
-    ),
+    "ok": Array("object", "bool", "1", "False where processing failed: its rows are zeros, `failures` in the attributes says why."),
 }
 """Arrays that every artifact has."""
 
@@ -85,9 +83,7 @@ class Artifact(Entries):
 
 COORDINATES = {
     "grasp": Array("grasp", "int32", "1", "Number of the grasp, 0 the best.", optional=True),
-    "sensor": Array(
-        "sensor", "string", "1", "Name of the sensor: its finger's, numbered where it has several, or that in the hand file.", optional=True
-    ),
+    "sensor": Array("sensor", "string", "1", "The sensor's name: its finger's, numbered if several, or the hand file's.", optional=True),
     "joint": Array("joint", "string", "1", "Name of the joint in the hand's URDF, finger by finger.", optional=True),
 }
 """Labels of dimensions: a stage that gives none copies those of its inputs."""

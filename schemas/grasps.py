@@ -10,12 +10,8 @@ GRASPS = Artifact(
     summary="The best grasps of every object: poses of hand and sensors as simulated, and which sensors touch.",
     arrays={
         **coordinates("grasp", "sensor", "joint"),
-        "hand_pose": Array(
-            "object grasp pose_row pose_column", "float64", "m", "The hand's root link (its URDF frame) in the world, best grasp first."
-        ),
-        "joint_angles": Array(
-            "object grasp joint", "float64", "rad", "Joint angles as simulated, finger by finger; m of a joint that slides."
-        ),
+        "hand_pose": Array("object grasp pose_row pose_column", "float64", "m", "Root link (URDF frame) in the world, best grasp first."),
+        "joint_angles": Array("object grasp joint", "float64", "rad", "Angles as simulated, finger by finger; m of joints that slide."),
         "pregrasp_angles": Array(
             "object grasp joint", "float64", "rad", "Joint angles before closing: sensors drawn back along normals where there is room."
         ),
@@ -42,9 +38,7 @@ GRASPS = Artifact(
         "opposition": Array(
             "object grasp", "float32", "degree", "Greatest angle of two contacts' normals: 180 where they face each other, 0 without two."
         ),
-        "closure": Array(
-            "object grasp", "float32", "1", "Margin of force closure, to 0.001: 0 where friction cannot hold it, 1 where all press alike."
-        ),
+        "closure": Array("object grasp", "float32", "1", "Margin of force closure to 0.001: 0 if it cannot hold, 1 if all press alike."),
         "held": Array(
             "object grasp",
             "bool",
@@ -65,9 +59,7 @@ GRASPS = Artifact(
             infinite=True,
             optional=True,
         ),
-        "hold_speed": Array(
-            "object grasp direction", "float32", "m s-1", "Its speed then, over the last quarter second.", infinite=True, optional=True
-        ),
+        "hold_speed": Array("object grasp direction", "float32", "m s-1", "Its speed in the last 0.25 s.", infinite=True, optional=True),
         "penetration": Array(
             "object grasp", "float32", "m", "Depth of the deepest rigid point in the object, or of the object in a rigid link; gels give."
         ),
@@ -78,8 +70,6 @@ GRASPS = Artifact(
             "object", "string", "1", "From `read-grasps`: grasps of its files not among them, with reasons, one per line.", optional=True
         ),
         "attempts": Array("object", "int32", "1", "Placements of the hand tried, or grasps in files, before the best were chosen."),
-        "attempt_success": Array(
-            "object sensor", "float32", "1", "Share of the attempts made in which the sensor touched, before the best were chosen."
-        ),
+        "attempt_success": Array("object sensor", "float32", "1", "Share of all attempts in which the sensor touched."),
     },
 )

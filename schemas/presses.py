@@ -20,9 +20,7 @@ PRESSES = Artifact(
             "object press row col", "float32", "m", "How deep the gel's surface lies below its rest, drawn in around the contact too."
         ),
         "press_contact": Array("object press row col", "bool", "1", "Whether the shape touches the gel."),
-        "press_pressure": Array(
-            "object press row col", "float32", "Pa", "Normal pressure on an elastic gel, 0 outside the contact.", optional=True
-        ),
+        "press_pressure": Array("object press row col", "float32", "Pa", "Normal pressure on an elastic gel, 0 elsewhere.", optional=True),
         "press_force": Array("object press", "float32", "N", "Normal force on an elastic gel.", optional=True),
         "press_image": Array("object press row col rgb", "uint8", "1/255", "The tactile image of `press_indentation`."),
         "press_untouched": Array("row col rgb", "uint8", "1/255", "The tactile image when nothing touches the sensor."),

@@ -17,9 +17,7 @@ SURFACES = Artifact(
             "m / unit of the file; m",
             "object_to_world: how points of the source file, homogeneous, come into the world: turned upright, scaled, moved.",
         ),
-        "source_file": Array(
-            "object", "string", "1", "The file that the object was read from, from its folder of meshes, or the toy object."
-        ),
+        "source_file": Array("object", "string", "1", "The file the object was read from, from its folder of meshes, or the toy object."),
         "source_sha256": Array("object", "string", "1", "SHA-256 of that file; empty for a toy object."),
         "licence": Array("object", "string", "1", "Licence of the mesh, as the manifest states it."),
         "unread": Array("object", "string", "1", "What the file holds or names and the mesh lacks, with reasons, one per line."),

@@ -16,13 +16,9 @@ TOUCH = Artifact(
         "untouched": Array(
             "sensor row col rgb", "uint8", "1/255", "Tactile image of each sensor without a touch: losses mask against it.", equation="2-5"
         ),
-        "pressure": Array(
-            "object grasp sensor row col", "float32", "Pa", "Normal pressure on an elastic gel, 0 outside the contact.", optional=True
-        ),
+        "pressure": Array("object grasp sensor row col", "float32", "Pa", "Normal pressure on an elastic gel, 0 elsewhere.", optional=True),
         "force": Array("object grasp sensor", "float32", "N", "Normal force on an elastic gel.", optional=True),
-        "indentation": Array(
-            "object grasp sensor", "float32", "m", "How deep the object is in the undeformed gel, at its deepest point.", optional=True
-        ),
+        "indentation": Array("object grasp sensor", "float32", "m", "Greatest depth of the object in the undeformed gel.", optional=True),
         "local_points": Array(
             "object grasp sensor point xyz",
             "float32",
@@ -35,9 +31,7 @@ TOUCH = Artifact(
         "lift_object_pose": Array(
             "object grasp step pose_row pose_column", "float64", "m", "The object in the world; at first as it was grasped.", optional=True
         ),
-        "lift_weight": Array(
-            "object grasp step", "float32", "N", "How much of its weight is on the gels, along the world's -z.", optional=True
-        ),
+        "lift_weight": Array("object grasp step", "float32", "N", "Its weight on the gels, along the world's -z.", optional=True),
         "lift_imbalance": Array(
             "object grasp step",
             "float32",

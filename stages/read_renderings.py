@@ -24,9 +24,7 @@ class RenderingSettings(ObjectSettings):
     """How the cited renderings are read (supplement 3.6)."""
 
     background: tuple[Intensity, Intensity, Intensity] = setting(
-        (255, 255, 255),
-        "sRGB where the renderings are transparent; the supplement does not say, Pixel2Mesh has white",
-        changes="definition",
+        (255, 255, 255), "sRGB where renderings are transparent; the supplement does not say, Pixel2Mesh has white", changes="definition"
     )
 
 

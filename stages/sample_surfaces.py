@@ -35,9 +35,7 @@ class SurfaceSettings(ObjectSettings):
         "gaps; with fewer than 16, no two may see a face of a box",
         ge=16,
     )
-    max_faces: int = setting(
-        500_000, "with more, physics takes minutes per object and its result hardly changes", gt=0, changes="definition"
-    )
+    max_faces: int = setting(500_000, "with more, physics takes minutes per object, and hardly changes", gt=0, changes="definition")
 
 
 class SampleSurfaces(ObjectStage):

@@ -73,9 +73,7 @@ class PressSettings(GelSettings):
 
     presses: int = setting(72, "per object: 1800 for 25 objects, enough for a small network", ge=1, le=10_000, changes="definition")
     gel: Positives | None = setting(
-        None,
-        "least and greatest factor of the membrane's width, or of an elastic gel's thickness, drawn per press; null: the sensor's gel",
-        changes="definition",
+        None, "least and greatest factor of the membrane's width, or an elastic gel's thickness, per press; null: 1", changes="definition"
     )
 
 

@@ -83,10 +83,7 @@ DataArgument = Annotated[str, typer.Argument(help="Data directory, or s3://BUCKE
 ManifestOption = Annotated[
     str,
     typer.Option(
-        help="A built-in manifest, or the path of a YAML file.",
-        rich_help_panel=OBJECTS,
-        is_eager=True,
-        autocompletion=complete_described("manifest"),
+        help="Built-in manifest, or path of a file.", rich_help_panel=OBJECTS, is_eager=True, autocompletion=complete_described("manifest")
     ),
 ]
 PresetOption = Annotated[
@@ -94,9 +91,7 @@ PresetOption = Annotated[
 ]
 DataOption = Annotated[
     str | None,
-    typer.Option(
-        help="Directory or s3://BUCKET/PREFIX; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET.", rich_help_panel=OBJECTS
-    ),
+    typer.Option(help="Folder or s3://BUCKET/PREFIX; else data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET.", rich_help_panel=OBJECTS),
 ]
 ObjectsOption = Annotated[
     Path | None, typer.Option(help="Folder of meshes, for manifests that name none.", rich_help_panel=OBJECTS, is_eager=True)
@@ -118,10 +113,7 @@ UpOption = Annotated[
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--set",
-        help="STAGE.SETTING=VALUE, or SETTING=VALUE for every stage that has it.",
-        rich_help_panel=SETTINGS,
-        autocompletion=complete_setting,
+        "--set", help="STAGE.SETTING=VALUE, or SETTING=VALUE for all with it.", rich_help_panel=SETTINGS, autocompletion=complete_setting
     ),
 ]
 SeedOption = Annotated[int | None, typer.Option(min=0, help="Root seed, instead of the manifest's.", rich_help_panel=SETTINGS)]

@@ -104,8 +104,7 @@ def submit(
     cluster: Annotated[
         str,
         typer.Option(
-            help="A built-in cluster, or the path of a YAML file: partitions, cores, times.",
-            autocompletion=options.complete_described("cluster"),
+            help="Built-in cluster, or path of a YAML file: partitions, cores, times.", autocompletion=options.complete_described("cluster")
         ),
     ] = "slurm",
     dry_run: Annotated[bool, typer.Option(help="Print the scripts, and submit nothing.")] = False,

@@ -119,9 +119,7 @@ def export(
     objects: Annotated[
         list[str] | None,
         typer.Option(
-            "--object",
-            help="With --to mesh, grasps or dexgraspbench: only this object; repeat for several.",
-            autocompletion=options.complete_made_object,
+            "--object", help="With --to mesh, grasps or dexgraspbench: only this; repeatable.", autocompletion=options.complete_made_object
         ),
     ] = None,
     of: Annotated[

@@ -80,8 +80,7 @@ class Manifest(Entries):
     name: Annotated[str, AfterValidator(without_controls)] = Field(description="Of the dataset, recorded in it.")
     description: str = Field(description="For readers: which objects these are.")
     seed: int = Field(
-        ge=0,
-        description="Seed of the splits and of all random choices per object; `--seed` replaces it for the objects, not for the splits.",
+        ge=0, description="Seed of the splits and of all random choices per object; `--seed` replaces it for the objects, not the splits."
     )
     splits: Splits = Field(description="How many objects are for what, without those whose source states its split.")
     sources: tuple[Annotated[SerializeAsAny[Source], PlainValidator(_of_its_kind)], ...] = Field(

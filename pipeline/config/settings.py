@@ -67,10 +67,7 @@ class ObjectSettings(Settings):
     """The settings of every stage over objects."""
 
     object_seconds: int = setting(
-        3600,
-        "a worker that takes longer for one object is ended, and after the second time the object has failed: some meshes never end",
-        ge=1,
-        changes="speed",
+        3600, "a worker that takes longer is ended, the second time its object fails: some meshes never end", ge=1, changes="speed"
     )
 
 

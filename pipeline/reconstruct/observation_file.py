@@ -63,21 +63,16 @@ class ObservedCamera(ObservationEntries):
     intrinsics: Intrinsics = Field(description="of the photograph")
     pose: Pose = Field(description="camera to the file's frame: an extrinsic, as from hand-eye calibration")
     convention: Literal["opencv", "opengl"] = Field(
-        default="opencv",
-        description="axes of the camera: `opencv` and ROS's optical frames look along +z, +y down; `opengl` and Blender along -z, +y up",
+        default="opencv", description="`opencv` and ROS's optical frames look along +z, +y down; `opengl` and Blender along -z, +y up"
     )
     mask: Mask | None = Field(
-        default=None,
-        description="not 0 where the photograph shows the object; without it, all that differs in colour from the photograph's border",
+        default=None, description="not 0 where the photograph shows the object; without it, all that differs in colour from the border"
     )
     hand_mask: Mask | None = Field(default=None, description="not 0 where it shows the robot in front of the object")
-    depth: Depth | None = Field(
-        default=None, description="depth along the viewing direction, registered to the photograph: 16-bit PNG, or .npy, m"
-    )
+    depth: Depth | None = Field(default=None, description="along the viewing direction, registered to the photograph: 16-bit PNG or .npy m")
     depth_scale: float = Field(default=1e-3, gt=0, le=1, description="m per level of a 16-bit depth image; 0.001 for mm")
     depth_as_touch: bool = Field(
-        default=False,
-        description="give visible points of `depth` as touched, to networks with touch: for errors up to 0.4 % of its size; needs `mask`",
+        default=False, description="give networks with touch visible points of `depth`: for errors up to 0.4 % of its size; needs `mask`"
     )
 
     @model_validator(mode="after")
@@ -142,13 +137,10 @@ class RobotObservation(ObservationEntries):
         default=None, description="tactile image of the sensor without contact; by default the one that the model was trained with"
     )
     accept_photographs: bool = Field(
-        default=False,
-        description="accept tactile images that seem altered: colours exchanged, turned, mirrored, grey, another exposure or sensor",
+        default=False, description="accept what seems altered: colours exchanged, turned, mirrored, grey, another exposure or sensor"
     )
     touches: tuple[ObservedTouch, ...] = Field(
-        default=(),
-        max_length=MAX_TOUCHES,
-        description=f"touches of any sensors, at most {MAX_TOUCHES}; needed by networks with touch, unless `depth_as_touch`",
+        default=(), max_length=MAX_TOUCHES, description=f"at most {MAX_TOUCHES}; networks with touch need some, or `depth_as_touch`"
     )
 
     def __init__(self, **entries: Any) -> None:

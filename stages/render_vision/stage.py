@@ -37,9 +37,7 @@ class VisionSettings(ObjectSettings):
     """How objects and grasps become images (supplement 1.4)."""
 
     scene: Annotated[str, described_by("scene")] = setting(
-        "supplement",
-        "the supplement's camera, one lamp, constant light; name of a built-in scene, or path of a .yaml file",
-        changes="definition",
+        "supplement", "the supplement's camera, one lamp, constant light; a built-in scene, or path of a .yaml file", changes="definition"
     )
     hand: Annotated[str, described_by("hand")] | None = setting(None, "null: the hand that made the grasps", changes="definition")
     zoom: float | None = setting(
@@ -50,9 +48,7 @@ class VisionSettings(ObjectSettings):
         changes="definition",
     )
     resolution: int = setting(256, "pixels per side, the supplement's; the camera's intrinsics scale with it", ge=16, le=4096)
-    occluded: bool = setting(
-        True, "one image per grasp; false renders only the object alone, in a sixth of the time and the bytes", changes="definition"
-    )
+    occluded: bool = setting(True, "one image per grasp; false: only the object alone, a sixth of time and bytes", changes="definition")
 
 
 def leaves_image(camera: Camera, points: np.ndarray) -> bool:

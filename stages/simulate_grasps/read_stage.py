@@ -29,9 +29,7 @@ class ReadSettings(HandSettings):
     stage: ClassVar[str] = "read-grasps"
 
     folder: str | None = setting(
-        None,
-        "of the grasps: OBJECT.npz, OBJECT.npy, or a folder OBJECT, of each object; its path changes nothing, its files do",
-        changes="speed",
+        None, "of grasps: OBJECT.npz, .npy, or a folder OBJECT, of each object; its path changes nothing, its files do", changes="speed"
     )
     grasps: int = setting(
         20,

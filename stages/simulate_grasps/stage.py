@@ -47,10 +47,7 @@ class HandSettings(ObjectSettings):
         0.2, "kg of any object in the hold test, spread evenly over its surface: a full glass; with 1 kg few grasps hold", gt=0, le=1000
     )
     squeeze: float = setting(
-        0.002,
-        "m that each sensor presses beyond the grasp in `squeeze_angles`, to which the motors drive in the hold test",
-        ge=0,
-        changes="definition",
+        0.002, "m that sensors press beyond the grasp in `squeeze_angles`, to which motors drive in a hold test", ge=0, changes="definition"
     )
 
     @property
@@ -90,18 +87,12 @@ class GraspSettings(HandSettings):
         "make all attempts, for their statistics; else a touch search ends once no attempt could add a touch, with the same grasps in a "
         "third of the time, and a hold search once all grasps hold",
     )
-    least_distance: float = setting(
-        0.005, "m from object to palm at least: nearer, the thumb's base is in the way; 30 mm touches as often", ge=0
-    )
+    least_distance: float = setting(0.005, "m from object to palm at least: nearer, the thumb is in the way; 30 mm touches as often", ge=0)
     greatest_distance: float = setting(0.06, "m from object to palm at most: up to 100 mm 70 % of all sensors touch instead of 76", gt=0)
     ik_samples: int = setting(
-        1024,
-        "joint vectors per finger that the inverse kinematics chooses among: 256, 1024, 2048 touch with 72, 76, 80 % of all sensors",
-        ge=64,
+        1024, "joint vectors per finger that inverse kinematics chooses among: 256, 1024, 2048 touch with 72, 76, 80 % of sensors", ge=64
     )
-    ik_refinements: int = setting(
-        3, "rounds of local search around the best of them: 0, 1, 3, 5 touch with 52, 68, 76, 79 % of all sensors", ge=0
-    )
+    ik_refinements: int = setting(3, "rounds of local search around the best: 0, 1, 3, 5 touch with 52, 68, 76, 79 % of all sensors", ge=0)
 
     @property
     def test(self) -> Literal["none", "lift", "six"]:

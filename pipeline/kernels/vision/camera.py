@@ -55,22 +55,16 @@ class Camera(Entries):
     """A pinhole camera that looks along its own -z with +y up (OpenGL's and Blender's convention)."""
 
     position: tuple[Coordinate, Coordinate, Coordinate] = Field(description="optical centre, world frame, m")
-    rotation: tuple[Angle, Angle, Angle] = Field(
-        description="extrinsic XYZ Euler angles, degrees: about the world's x first, then its y, then its z"
-    )
+    rotation: tuple[Angle, Angle, Angle] = Field(description="extrinsic XYZ Euler angles, degrees: about the world's x, then y, then z")
     focal: tuple[Focal, Focal] = Field(description="focal lengths (x, y), pixels")
     centre: tuple[Pixels, Pixels] = Field(description="principal point (column, row) from the image's top left corner, pixels")
-    resolution: int = Field(
-        256, gt=0, le=MAX_RESOLUTION, description="of a square image, the pixels per side that `focal` and `centre` are in"
-    )
+    resolution: int = Field(256, gt=0, le=MAX_RESOLUTION, description="of a square image, pixels per side that `focal` and `centre` are in")
     name: str = Field(pattern=r"^[A-Za-z0-9._-]{1,60}$", description="labels its images")
     size: tuple[Side, Side] | None = Field(
         default=None, description="columns and rows of its images, regardless of `render-vision.resolution`; by default square"
     )
 
-    drawn: DrawnViews | None = Field(
-        default=None, description="from where each of its images is taken instead; pictures of a check are from `position`"
-    )
+    drawn: DrawnViews | None = Field(default=None, description="where each image is taken instead; pictures of a check are from `position`")
 
     @model_validator(mode="after")
     def _has_one_size(self) -> "Camera":
