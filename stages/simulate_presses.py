@@ -35,8 +35,7 @@ from schemas.base import Artifact
 from schemas.presses import PRESSED, PRESSES
 from schemas.surfaces import SURFACES
 
-GEL_BITS, FAR_BITS = 26, 18
-"""Depths are stored in steps of 2^-26 m in the gel and of 2^-18 m beyond, as `simulate-touch` stores them."""
+GEL_BITS, FAR_BITS = 26, 18  # depths are stored in steps of 2^-26 m in the gel and of 2^-18 m beyond, as `simulate-touch` stores them
 
 
 Positives = Range[Annotated[float, Field(gt=0, le=10)]]

@@ -15,8 +15,7 @@ from pipeline.kernels.touch.tactile_image import tactile_image
 from vt_pipeline.objects import Source, TouchObject, as_object
 from vt_pipeline.touching import Touch, as_poses, as_rng, as_sensor, touch
 
-DEPTH_TOLERANCE = 1e-6
-"""m, within which an object is pressed to the depth that was asked for; rays meet the same points from everywhere along the normal."""
+DEPTH_TOLERANCE = 1e-6  # m, within which an object is pressed to the depth asked for; rays meet the same points from all along the normal
 
 
 def image(depth: np.ndarray, sensor: Sensor | str | Path, rng: np.random.Generator | None = None) -> NDArray[np.uint8]:

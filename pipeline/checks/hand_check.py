@@ -41,8 +41,7 @@ from stages.simulate_grasps.stage import GraspSettings
 
 POSTURES = 512  # random postures in which links are checked for overlaps
 MIN_TRAVEL = 1e-3  # m, least travel of a sensor along its normal as its finger closes
-FAR_PALM = 2.0
-"""A palm is far if no sensor comes nearer to its centre than this many times the greatest distance between two sensors."""
+FAR_PALM = 2.0  # a palm is far if no sensor comes nearer to its centre than this many times the greatest distance between two sensors
 LARGE = 2.0  # m, that no hand opens
 VIEWS = {"from +x": (1, 2, 0), "from +y": (0, 2, 1), "from +z": (0, 1, 2)}
 """Title, and the axes of the root link that point right, up and towards the viewer."""
@@ -56,7 +55,7 @@ ATTEMPTS = 10
 BALL_SHARE = 0.5  # diameter of the ball, as a share of the hand's opening
 NO_ROOM = "the hand has no room around the ball"
 PALM = "let palm.facing and palm.centre of the hand file point to where an object lies; the picture draws them"
-REMEDIES = {
+REMEDIES = {  # what to do if no attempt succeeds, by how the most frequent reason begins
     NO_ROOM: PALM,
     "fingers still move": "lower torque in the hand file",
     "a joint is pushed": "lower torque in the hand file",
@@ -64,7 +63,6 @@ REMEDIES = {
     "links of the hand": "write the entries that end the overlaps into the hand file",
     "a rigid link": "lay the sensors' origins on the surface of their links, and normals outwards, in the hand file",
 }
-"""What to do if no attempt succeeds, by how the most frequent reason begins."""
 
 
 def check_hand(path: Path, picture: Path) -> list[str]:

@@ -43,8 +43,7 @@ class SubmittedJob(Entries):
         return folder / f"{self.name}-{task}.log"
 
 
-_JOBS = TypeAdapter(dict[Literal["jobs"], tuple[SubmittedJob, ...]])
-"""The content of the file that lists submitted jobs, the last one per output."""
+_JOBS = TypeAdapter(dict[Literal["jobs"], tuple[SubmittedJob, ...]])  # of the file that lists submitted jobs, the last one per output
 
 
 def slurm_folder(data: Location) -> Path:

@@ -23,8 +23,7 @@ from pipeline.formats.file_units import METRES
 
 SPLITS = ("train", "valid", "test")
 TOTAL = "all"  # what tables call all categories together
-OBJECT_ID = re.compile(r"(?!\.|zarr\.json$)[A-Za-z0-9._-]{1,120}")
-"""What names an object: it also names files and Zarr groups, where `zarr.json` is taken."""
+OBJECT_ID = re.compile(r"(?!\.|zarr\.json$)[A-Za-z0-9._-]{1,120}")  # it also names files, and Zarr groups, where `zarr.json` is taken
 
 
 class Splits(Entries):

@@ -23,8 +23,7 @@ from pipeline.formats.mesh_companions import MAX_BYTES, Companions
 if TYPE_CHECKING:
     from pipeline.kernels.geometry.mesh import Mesh
 
-NOT_UTF8 = re.compile("[\ud800-\udfff]")
-"""Characters that Python writes for bytes of a file's name that are not UTF-8 (`surrogateescape`)."""
+NOT_UTF8 = re.compile("[\ud800-\udfff]")  # characters that Python writes for bytes of a file's name that are not UTF-8 (`surrogateescape`)
 Diagonal = Annotated[float, Field(ge=1e-3, le=100)]  # m
 MAX_OBJECTS = 200_000  # most objects of a source: listing them takes a second, and memory, before anything else is done
 

@@ -27,8 +27,7 @@ SECONDS = 60  # processor time that reading a file may take: a million faces tak
 REMEDY = "decimate the mesh, name each part once, or write it as binary PLY"
 START = "from pipeline.formats.mesh_reader import serve; serve()"  # the program of the process
 _lock = threading.Lock()
-_readers: dict[int, subprocess.Popen[bytes]] = {}
-"""The reader of each process that has one, by its number: a fork of it starts its own."""
+_readers: dict[int, subprocess.Popen[bytes]] = {}  # the reader of each process that has one, by its number: a fork of it starts its own
 
 
 def load_mesh(file: Path, root: Path | None = None) -> Mesh:

@@ -27,8 +27,7 @@ from pipeline.store.record import Name, Sha256, Text
 MAX_BYTES = 2**28  # maximum size of a recipe: 200 bytes for each of a million objects, and some more
 MAX_NAME_BYTES = 255  # maximum length of a path in a recipe: file systems accept no longer name
 
-SHORT_DIGITS = 16
-"""Hexadecimal digits of a row's digest in a recipe, which name a row that differs; the roots, of 64 digits, are the proof."""
+SHORT_DIGITS = 16  # hexadecimal, of a row's digest in a recipe: enough to name a row that differs; the roots have 64
 
 MAX_TEXTS, TEXT_SUFFIXES = 100, (".yaml", ".yml", ".urdf", ".xml", ".mtl")
 """Text files that a recipe may hold, which `remake` writes: their maximum number, and suffixes of files that nothing executes."""

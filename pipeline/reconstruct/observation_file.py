@@ -32,10 +32,8 @@ from pipeline.reconstruct.observation_entries import (
 from pipeline.reconstruct.observed_touch import ObservedTouch
 
 MAX_TOUCHES = 256
-CHANGED, CONTACT_SHARE = 8, 0.5
-"""Levels by which a share of a tactile image's pixels, per cent, differs from the untouched image if something touches."""
-SMOOTHED = 1 / 33
-"""Share of a tactile image's shorter side over which differences are averaged before: noise of single pixels is no touch."""
+CHANGED, CONTACT_SHARE = 8, 0.5  # levels by which a share of the pixels, %, differs from the untouched image in a touch
+SMOOTHED = 1 / 33  # share of a tactile image's shorter side over which differences are averaged before: noise of single pixels is no touch
 
 
 class ObservedObject(ObservationEntries):

@@ -29,8 +29,7 @@ from pipeline.store.storage import (
 )
 from pipeline.store.temporary import local_copy
 
-ATTEMPTS = 12
-"""Attempts at a conditional put while no other process writes: object storage may refuse one in a race, or a connection may break."""
+ATTEMPTS = 12  # at a conditional put while no other process writes: storage may refuse one in a race, or a connection break
 
 
 UNFINISHED = ".unfinished"  # the subfolder of a target folder that holds unfinished files and the lock of their writer

@@ -119,8 +119,7 @@ R = TypeVar("R", bound=Provenance)
 
 
 LIBRARIES = ("vt-pipeline", "numpy", "scipy", "torch", "trimesh", "embreex", "libigl", "numba", "pyrender-maintained", "zarr")
-PHYSICS = ("pybullet", "pybullet-arm64")
-"""Packages of PyBullet: its own has no wheels beyond Python 3.11. Both give identical results."""
+PHYSICS = ("pybullet", "pybullet-arm64")  # packages of PyBullet: its own has no wheels beyond Python 3.11. Both give identical results.
 
 
 @cache

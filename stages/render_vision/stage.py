@@ -70,12 +70,11 @@ def surrounds_lens(camera: Camera, points: np.ndarray) -> bool:  # (N, 3) of an 
     return camera.drawn is not None and camera.drawn.distance[0] < bounding_diagonal(points) / 2
 
 
-IMAGE_FAULTS = {
+IMAGE_FAULTS = {  # what may be wrong with an object in an image, and the remedy
     surrounds_lens: ("perhaps around the lens in", "raise drawn.distance"),
     leaves_image: ("not whole in", "move the camera"),
     is_speck: (f"smaller than {100 * SPECK:.0f} % of", "move the camera nearer"),
 }
-"""What may be wrong with an object in an image, and the remedy."""
 
 
 class RenderVision(ObjectStage):

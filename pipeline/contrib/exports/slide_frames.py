@@ -55,8 +55,7 @@ class SlideFrames(Frames):
             yield frames
 
 
-FRAMES: Mapping[str, Callable[[Location], Frames]] = {"grasps": GraspFrames, "slides": SlideFrames}
-"""What frames may be, by artifact."""
+FRAMES: Mapping[str, Callable[[Location], Frames]] = {"grasps": GraspFrames, "slides": SlideFrames}  # what frames may be, by artifact
 
 
 def open_frames(data: Location, of: str | None = None) -> Frames:
