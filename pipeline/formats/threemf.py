@@ -18,16 +18,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import parse_xml
 from pipeline.formats.mesh_companions import Companions
-from pipeline.formats.mesh_parts import (
-    GREY,
-    MAX_DEPTH,
-    MAX_FACES,
-    MAX_INSTANCES,
-    build_part,
-    check_corners,
-    check_count,
-    posed,
-)
+from pipeline.formats.mesh_parts import GREY, MAX_DEPTH, MAX_FACES, MAX_INSTANCES, build_part, check_corners, check_count, posed
 from pipeline.formats.textures import Textures
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh

@@ -25,7 +25,7 @@ Vector = tuple[float, float, float]
 Row = tuple[float, float, float, float]
 
 
-class ObservationEntries(Entries):
+class FileEntries(Entries):
     """Entries of an observation file."""
 
     model_config = ConfigDict(arbitrary_types_allowed=True)
@@ -82,7 +82,7 @@ def size_text(array: NDArray[Any]) -> str:
     return f"{array.shape[1]} x {array.shape[0]}"
 
 
-class Pose(ObservationEntries):
+class Pose(FileEntries):
     """A frame in the file's frame: `position`, and `quaternion` or `rpy`; or `matrix`, which may be given in place of the mapping."""
 
     position: Vector | None = Field(default=None, description="of the frame's origin")

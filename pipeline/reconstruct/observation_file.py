@@ -18,17 +18,7 @@ from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import foreground
-from pipeline.reconstruct.observation_entries import (
-    Depth,
-    Image,
-    Mask,
-    ObservationEntries,
-    Pose,
-    SensorName,
-    Vector,
-    check_array,
-    size_text,
-)
+from pipeline.reconstruct.observation_entries import Depth, FileEntries, Image, Mask, Pose, SensorName, Vector, check_array, size_text
 from pipeline.reconstruct.observed_touch import ObservedTouch
 
 MAX_TOUCHES = 256
@@ -36,7 +26,7 @@ CHANGED, CONTACT_SHARE = 8, 0.5  # levels by which a share of the pixels, %, dif
 SMOOTHED = 1 / 33  # share of a tactile image's shorter side over which differences are averaged before: noise of single pixels is no touch
 
 
-class ObservedObject(ObservationEntries):
+class ObservedObject(FileEntries):
     """Where the object is."""
 
     centre: Vector | None = Field(
@@ -45,7 +35,7 @@ class ObservedObject(ObservationEntries):
     diagonal: float | None = Field(default=None, gt=0, description="of its bounding box; by default estimated from `depth` and `mask`")
 
 
-class Intrinsics(ObservationEntries):
+class Intrinsics(FileEntries):
     """Focal lengths and principal point, pixels; the centre of the top left pixel is (½, ½)."""
 
     fx: float = Field(ge=10, le=1e6, description="focal length along columns")
@@ -54,7 +44,7 @@ class Intrinsics(ObservationEntries):
     cy: float = Field(ge=-1e6, le=1e6, description="row of the principal point; OpenCV's and ROS's plus ½")
 
 
-class ObservedCamera(ObservationEntries):
+class ObservedCamera(FileEntries):
     """A rectified photograph and its camera."""
 
     image: Image = Field(description="8-bit RGB photograph, without distortion")
@@ -123,7 +113,7 @@ class View:
         return bool(((pixel >= 0) & (pixel < [cols, rows])).all())  # NaN behind the camera is not
 
 
-class RobotObservation(ObservationEntries):
+class RobotObservation(FileEntries):
     """A robot's observation of one static object, in one frame (e.g. its base)."""
 
     unit: Literal["mm", "cm", "dm", "m", "in", "ft"] = Field(default="m", description="of all lengths, and of the reconstruction")

@@ -8,20 +8,10 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from pipeline.kernels.touch.depth_maps import CONTACT_MARGIN
-from pipeline.reconstruct.observation_entries import (
-    GelDepth,
-    Image,
-    Mask,
-    ObservationEntries,
-    Points,
-    Pose,
-    SensorName,
-    check_array,
-    size_text,
-)
+from pipeline.reconstruct.observation_entries import FileEntries, GelDepth, Image, Mask, Points, Pose, SensorName, check_array, size_text
 
 
-class ObservedTouch(ObservationEntries):
+class ObservedTouch(FileEntries):
     """What a sensor felt, as a tactile image, the depth of its gel or points, and its pose."""
 
     tactile_image: Image | None = Field(default=None, description="8-bit RGB image of the sensor's camera, +x along columns, +y along rows")
