@@ -57,7 +57,5 @@ class ReadRenderings(ObjectStage):
         return {
             "rendering": np.rint(opacity * images[..., :3] + (1 - opacity) * settings.background).astype(np.uint8),
             "silhouette": opacity[..., 0] >= 0.5,
-            "rendering_camera": np.stack(
-                [placed_camera(viewpoint_camera(viewpoint, PIXELS), surface["placement"]) for viewpoint in viewpoints]
-            ),
+            "rendering_camera": np.stack([placed_camera(viewpoint_camera(view, PIXELS), surface["placement"]) for view in viewpoints]),
         }

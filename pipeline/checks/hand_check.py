@@ -225,9 +225,8 @@ def draw_hand(hand: Hand, sensors: Sequence[Sensor], red: set[int], path: Path) 
     proportions = {"width_ratios": [(size[right] + arrow) / (size[up] + arrow) for right, up, _ in VIEWS.values()]}
     for axes, (title, (right, up, eye)) in zip(figure.subplots(1, 3, gridspec_kw=proportions), VIEWS.items(), strict=True):
         order, shades = np.argsort(triangles[:, :, eye].mean(axis=1)), base_colors * (0.5 + 0.5 * np.abs(normals[:, eye, None]))
-        axes.add_collection(
-            PolyCollection(list(triangles[order][:, :, [right, up]]), facecolors=shades[order], edgecolors="none", alpha=0.6)
-        )
+        shapes = list(triangles[order][:, :, [right, up]])
+        axes.add_collection(PolyCollection(shapes, facecolors=shades[order], edgecolors="none", alpha=0.6))
         _arrow(axes, hand.palm_centre[[right, up]], hand.palm_facing[[right, up]] * arrow, "black", "palm")
         for number, (pose, color) in enumerate(zip(poses, colors, strict=True)):
             for line in gels[number]:

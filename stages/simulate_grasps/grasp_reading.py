@@ -50,9 +50,8 @@ def reading(settings: ReadSettings) -> Iterator[Callable[[Unit, Inputs], Row]]:
             if test is not None:
                 test.load(mesh, prepared_object.points)
             measured = MeasuredGrasps(hand, prepared_object, settings, test)
-            return GraspReader(measured, settings, surface["placement"], physics).row(
-                grasp for file in files for grasp in read_grasp_file(file, folder)
-            )
+            grasps = (grasp for file in files for grasp in read_grasp_file(file, folder))
+            return GraspReader(measured, settings, surface["placement"], physics).row(grasps)
 
         yield process
 
