@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import field_validator
 
-from pipeline.config.settings import ObjectSettings, setting
+from pipeline.config.settings import ObjectSettings, defining, setting
 from pipeline.dataset.object_rows import ObjectRows, is_surface, sensor_of
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Trade, Unit
 from pipeline.kernels.charts.touch_chart import SIDE, FitOptions, chart_square
@@ -31,12 +31,11 @@ TIGHT_RESIDUAL = 1e-4  # m: the RMS distance from cloud to chart that `tight` pr
 class ChartSettings(ObjectSettings):
     """How touch charts are fitted to point clouds (supplement 2.3)."""
 
-    cloud: Literal["predicted", "local", "true"] = setting(
+    cloud: Literal["predicted", "local", "true"] = defining(
         "predicted",
         "the points a trained U-Net sees in the tactile image, the supplement's way; `local`: those that `train-touch`'s network reads "
         "(with train-touch.pretrained=shipped, the pretrained one); "
         "`true` are those of the depth map",
-        changes="definition",
     )
     halt: float = setting(6e-4, "Chamfer distance, sensor widths², below which a chart is done: the supplement's", gt=0)
     residual_limit: float | None = setting(

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from pipeline.config.settings import ObjectSettings, described_by, setting
+from pipeline.config.settings import ObjectSettings, defining, described_by
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Unit
 from pipeline.entries import Range
@@ -45,34 +45,29 @@ DEFAULT = PressRanges()
 class GelSettings(ObjectSettings):
     """The gel, and what is pressed into it without a hand."""
 
-    sensor: Annotated[str, described_by("sensor")] = setting(
-        "gelsight", "a calibrated one: photographs of your own sensor need the file of `calibrate-sensor`", changes="definition"
+    sensor: Annotated[str, described_by("sensor")] = defining(
+        "gelsight", "a calibrated one: photographs of your own sensor need the file of `calibrate-sensor`"
     )
-    pixels: int | None = setting(
+    pixels: int | None = defining(
         160,
         "along the longer side, square ones: enough for what a gel shows, a sixteenth of a camera's bytes; null keeps the sensor's",
         ge=8,
         le=MAX_PIXELS_PER_SIDE,
-        changes="definition",
     )
-    patches: float = setting(
-        0.2, "share of what is pressed that is a patch of the object itself; the rest are `shapes`", ge=0, le=1, changes="definition"
+    patches: float = defining(0.2, "share of what is pressed that is a patch of the object itself; the rest are `shapes`", ge=0, le=1)
+    shapes: tuple[Annotated[str, AfterValidator(known_shape)], ...] = defining(
+        tuple(SHAPES), "all shapes: a network memorises a single one", min_length=1
     )
-    shapes: tuple[Annotated[str, AfterValidator(known_shape)], ...] = setting(
-        tuple(SHAPES), "all shapes: a network memorises a single one", min_length=1, changes="definition"
-    )
-    size: Positives = setting(DEFAULT.size, "least and greatest radius of a shape, m: what fits on a gel of 2 cm", changes="definition")
-    depth: Positives = setting(
-        DEFAULT.depth, "least and greatest depth of the deepest point in the gel, m: what hands and people press", changes="definition"
-    )
+    size: Positives = defining(DEFAULT.size, "least and greatest radius of a shape, m: what fits on a gel of 2 cm")
+    depth: Positives = defining(DEFAULT.depth, "least and greatest depth of the deepest point in the gel, m: what hands and people press")
 
 
 class PressSettings(GelSettings):
     """The number of presses, and variants of the gel."""
 
-    presses: int = setting(72, "per object: 1800 for 25 objects, enough for a small network", ge=1, le=10_000, changes="definition")
-    gel: Positives | None = setting(
-        None, "least and greatest factor of the membrane's width, or an elastic gel's thickness, per press; null: 1", changes="definition"
+    presses: int = defining(72, "per object: 1800 for 25 objects, enough for a small network", ge=1, le=10_000)
+    gel: Positives | None = defining(
+        None, "least and greatest factor of the membrane's width, or an elastic gel's thickness, per press; null: 1"
     )
 
 

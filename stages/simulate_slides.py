@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.config.settings import setting
+from pipeline.config.settings import defining, setting
 from pipeline.engine.stage import Cost
 from pipeline.entries import Range
 from pipeline.errors import InvalidInput
@@ -36,22 +36,16 @@ from stages.simulate_presses import FAR_BITS, GEL_BITS, GelSettings, Positives, 
 class SlideSettings(GelSettings):
     """The paths, their friction, and what is stored of each step."""
 
-    patches: float = setting(
-        0.5, "share of the slides that are over patches of the object itself; the rest are over `shapes`", ge=0, le=1, changes="definition"
+    patches: float = defining(0.5, "share of the slides that are over patches of the object itself; the rest are over `shapes`", ge=0, le=1)
+    slides: int = defining(4, "sequences per object: press, slide, twist, lift off", ge=1, le=10_000)
+    steps: int = defining(32, "per sequence: 2 s at the default rate", ge=4, le=1000)
+    rate: float = defining(16.0, "steps per second: a step moves by less than a contact's radius", gt=0, le=1e4)
+    friction: Range[Friction] | None = defining(
+        (0.3, 1.2), "least and greatest coefficient, drawn per sequence: rubber's; null: the sensor's"
     )
-    slides: int = setting(4, "sequences per object: press, slide, twist, lift off", ge=1, le=10_000, changes="definition")
-    steps: int = setting(32, "per sequence: 2 s at the default rate", ge=4, le=1000, changes="definition")
-    rate: float = setting(16.0, "steps per second: a step moves by less than a contact's radius", gt=0, le=1e4, changes="definition")
-    friction: Range[Friction] | None = setting(
-        (0.3, 1.2), "least and greatest coefficient, drawn per sequence: rubber's; null: the sensor's", changes="definition"
-    )
-    press_speed: Positives = setting(
-        (0.003, 0.006), "least and greatest speed of press and lift, m/s: either takes under half a second", changes="definition"
-    )
-    slide_speed: Positives = setting(
-        (0.0005, 0.004), "least and greatest speed of the slide, m/s: from mostly sticking to gross slip", changes="definition"
-    )
-    twist_speed: Positives = setting((0.1, 0.8), "least and greatest speed of the twist, rad/s, either way round", changes="definition")
+    press_speed: Positives = defining((0.003, 0.006), "least and greatest speed of press and lift, m/s: either takes under half a second")
+    slide_speed: Positives = defining((0.0005, 0.004), "least and greatest speed of the slide, m/s: from mostly sticking to gross slip")
+    twist_speed: Positives = defining((0.1, 0.8), "least and greatest speed of the twist, rad/s, either way round")
     store: tuple[Quantity, ...] | None = setting(
         None,
         f"what is computed and stored of each step beside {', '.join(ALWAYS)}, from {', '.join(CHOSEN)}; null: all but traction, and "

@@ -6,7 +6,7 @@ error), or changes speed alone.
 
 import json
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, partial
 from importlib import import_module, resources
 from typing import Any, ClassVar, Literal
 
@@ -38,6 +38,9 @@ class Settings(Entries):
 def setting(default: Any, reason: str, *, changes: Change = "results", **limits: Any) -> Any:
     """Declare a setting: its default, why that is the default, what it changes, and limits as pydantic's `Field` takes them."""
     return Field(default, description=reason, json_schema_extra={"changes": changes}, **limits)
+
+
+defining = partial(setting, changes="definition")
 
 
 def value_text(value: Any) -> str:

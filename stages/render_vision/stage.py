@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from pipeline.config.settings import ObjectSettings, described_by, setting
+from pipeline.config.settings import ObjectSettings, defining, described_by, setting
 from pipeline.console import abbreviate, pluralise
 from pipeline.dataset.grasps import check_hand_exists
 from pipeline.dataset.mesh_rows import read_mesh
@@ -36,19 +36,18 @@ SPECK = 0.1  # share of an image's side below which an object has too few pixels
 class VisionSettings(ObjectSettings):
     """How objects and grasps become images (supplement 1.4)."""
 
-    scene: Annotated[str, described_by("scene")] = setting(
-        "supplement", "the supplement's camera, one lamp, constant light; a built-in scene, or path of a .yaml file", changes="definition"
+    scene: Annotated[str, described_by("scene")] = defining(
+        "supplement", "the supplement's camera, one lamp, constant light; a built-in scene, or path of a .yaml file"
     )
-    hand: Annotated[str, described_by("hand")] | None = setting(None, "null: the hand that made the grasps", changes="definition")
-    zoom: float | None = setting(
+    hand: Annotated[str, described_by("hand")] | None = defining(None, "null: the hand that made the grasps")
+    zoom: float | None = defining(
         None,
         "factor of the focal lengths of the scene's cameras; null shows each object as large as one of 0.5 m: 5 for an object of 0.1 m",
         ge=0.01,
         le=10_000,
-        changes="definition",
     )
     resolution: int = setting(256, "pixels per side, the supplement's; the camera's intrinsics scale with it", ge=16, le=4096)
-    occluded: bool = setting(True, "one image per grasp; false: only the object alone, a sixth of time and bytes", changes="definition")
+    occluded: bool = defining(True, "one image per grasp; false: only the object alone, a sixth of time and bytes")
 
 
 def leaves_image(camera: Camera, points: np.ndarray) -> bool:
