@@ -35,9 +35,7 @@ GRASPS = Artifact(
         "contact_area": Array(
             "object grasp sensor", "float32", "m2", "Area where the surface is deeper than 0.1 mm in the undeformed gel; 0 without a touch."
         ),
-        "opposition": Array(
-            "object grasp", "float32", "degree", "Greatest angle of two contacts' normals: 180 where they face each other, 0 without two."
-        ),
+        "opposition": Array("object grasp", "float32", "degree", "Greatest angle of contacts' normals: 180 face to face, 0 without two."),
         "closure": Array("object grasp", "float32", "1", "Margin of force closure to 0.001: 0 if it cannot hold, 1 if all press alike."),
         "held": Array(
             "object grasp",
@@ -60,9 +58,7 @@ GRASPS = Artifact(
             optional=True,
         ),
         "hold_speed": Array("object grasp direction", "float32", "m s-1", "Its speed in the last 0.25 s.", infinite=True, optional=True),
-        "penetration": Array(
-            "object grasp", "float32", "m", "Depth of the deepest rigid point in the object, or of the object in a rigid link; gels give."
-        ),
+        "penetration": Array("object grasp", "float32", "m", "Depth of the deepest rigid point in the object, or of it in a rigid link."),
         "grasp_files": Array(
             "object", "string", "1", "`read-grasps`: file and number of each grasp, a line each; further grasps repeat them.", optional=True
         ),

@@ -21,9 +21,7 @@ SURFACES = Artifact(
         "source_sha256": Array("object", "string", "1", "SHA-256 of that file; empty for a toy object."),
         "licence": Array("object", "string", "1", "Licence of the mesh, as the manifest states it."),
         "unread": Array("object", "string", "1", "What the file holds or names and the mesh lacks, with reasons, one per line."),
-        "metres_per_unit": Array(
-            "object", "float64", "m", "Unit of the file where objects have sizes of their own; 0 where all were scaled to one size."
-        ),
+        "metres_per_unit": Array("object", "float64", "m", "Unit of the file where objects keep their sizes; 0 where scaled to one size."),
         "watertight": Array("object", "bool", "1", "Every edge of the mesh has two faces."),
         "degenerate_faces": Array("object", "int32", "1", "Faces without area that the gate removed."),
         "duplicate_faces": Array("object", "int32", "1", "Repeated faces that the gate removed."),

@@ -13,9 +13,7 @@ TOUCH = Artifact(
         **coordinates("grasp", "sensor"),
         "depth": depth_map("object grasp sensor"),
         "tactile_image": Array("object grasp sensor row col rgb", "uint8", "1/255", "R: the tactile image of `depth`.", equation="2-5"),
-        "untouched": Array(
-            "sensor row col rgb", "uint8", "1/255", "Tactile image of each sensor without a touch: losses mask against it.", equation="2-5"
-        ),
+        "untouched": Array("sensor row col rgb", "uint8", "1/255", "Tactile image without touch: losses mask against it.", equation="2-5"),
         "pressure": Array("object grasp sensor row col", "float32", "Pa", "Normal pressure on an elastic gel, 0 elsewhere.", optional=True),
         "force": Array("object grasp sensor", "float32", "N", "Normal force on an elastic gel.", optional=True),
         "indentation": Array("object grasp sensor", "float32", "m", "Greatest depth of the object in the undeformed gel.", optional=True),

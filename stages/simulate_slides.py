@@ -40,9 +40,7 @@ class SlideSettings(GelSettings):
     slides: int = defining(4, "sequences per object: press, slide, twist, lift off", ge=1, le=10_000)
     steps: int = defining(32, "per sequence: 2 s at the default rate", ge=4, le=1000)
     rate: float = defining(16.0, "steps per second: a step moves by less than a contact's radius", gt=0, le=1e4)
-    friction: Range[Friction] | None = defining(
-        (0.3, 1.2), "least and greatest coefficient, drawn per sequence: rubber's; null: the sensor's"
-    )
+    friction: Range[Friction] | None = defining((0.3, 1.2), "least and greatest coefficient, drawn per sequence: rubber's; null: sensor's")
     press_speed: Positives = defining((0.003, 0.006), "least and greatest speed of press and lift, m/s: either takes under half a second")
     slide_speed: Positives = defining((0.0005, 0.004), "least and greatest speed of the slide, m/s: from mostly sticking to gross slip")
     twist_speed: Positives = defining((0.1, 0.8), "least and greatest speed of the twist, rad/s, either way round")

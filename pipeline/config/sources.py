@@ -43,9 +43,7 @@ class Source(Entries):
 
     kind: str = Field(description="Which kind of source it is, of those below or of a package that declares it.")
     licence: str = Field(min_length=1, description="Of the meshes; recorded with every object.")
-    sha256: str | None = Field(
-        None, pattern="[0-9a-f]{64}", description="Checksum of all mesh files together, if known beforehand; the error states another."
-    )
+    sha256: str | None = Field(None, pattern="[0-9a-f]{64}", description="Checksum of all mesh files together; the error states another.")
     split: Literal["train", "valid", "test"] | None = Field(
         None, description="Of all its objects, instead of one that is drawn for each: `test` for a source that no network is to learn from."
     )
@@ -54,9 +52,7 @@ class Source(Entries):
         description="m, least and most bounding-box diagonal, for example [0.06, 0.2]. An object whose real size is known and lies between "
         "them keeps it; others are scaled to a size drawn between them.",
     )
-    url: str | None = Field(
-        None, pattern="^https?://[!-~]{1,1000}$", description="Address of its files, for whoever makes the dataset again from its recipe."
-    )
+    url: str | None = Field(None, pattern="^https?://[!-~]{1,1000}$", description="Address of its files, for remakes from its recipe.")
 
     @abstractmethod
     def list_objects(self, root: Path | None) -> Iterator[Object]:

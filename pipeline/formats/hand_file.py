@@ -113,9 +113,7 @@ class HandFile(Entries):
         description=f"Maximum torque of the motors, N m (N for a joint that slides); by default {TORQUE}, or less if an MJCF's are weaker. "
         "Fingers close on elastic gels until these ask it of one motor.",
     )
-    friction: float = Field(
-        0.5, ge=0, le=100, description="Friction coefficient of the hand against the object; half of it while fingers close around it."
-    )
+    friction: float = Field(0.5, ge=0, le=100, description="Friction coefficient of hand and object; half of it while fingers close.")
 
     @property
     def mounts(self) -> Iterator[tuple[_FingerEntry | None, str, _SensorMount]]:

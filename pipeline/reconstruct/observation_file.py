@@ -29,9 +29,7 @@ SMOOTHED = 1 / 33  # share of a tactile image's shorter side over which differen
 class ObservedObject(FileEntries):
     """Where the object is."""
 
-    centre: Vector | None = Field(
-        default=None, description="of its bounding box; by default estimated from `depth` and `mask`, else touches"
-    )
+    centre: Vector | None = Field(default=None, description="of its bounding box; by default from `depth` and `mask`, else touches")
     diagonal: float | None = Field(default=None, gt=0, description="of its bounding box; by default estimated from `depth` and `mask`")
 
 

@@ -48,12 +48,9 @@ class ReadSettings(HandSettings):
         "the same hand with another root",
     )
     close: bool = defining(
-        False,
-        "close the fingers from the pre-grasp to `squeeze` beyond the grasp until contact rests, instead of taking the angles as they are",
+        False, "close fingers from the pre-grasp to `squeeze` beyond the grasp until contact rests, instead of taking angles as they are"
     )
-    penetration_limit: float = defining(
-        0.01, "m that a rigid link may penetrate the object in a grasp; DexGraspBench tests none that is deeper", ge=0
-    )
+    penetration_limit: float = defining(0.01, "m that a rigid link may penetrate the object; DexGraspBench tests none that is deeper", ge=0)
 
     @field_validator("root")
     @classmethod

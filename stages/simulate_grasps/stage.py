@@ -45,9 +45,7 @@ class HandSettings(ObjectSettings):
     hold_mass: float = setting(
         0.2, "kg of any object in the hold test, spread evenly over its surface: a full glass; with 1 kg few grasps hold", gt=0, le=1000
     )
-    squeeze: float = defining(
-        0.002, "m that sensors press beyond the grasp in `squeeze_angles`, to which motors drive in a hold test", ge=0
-    )
+    squeeze: float = defining(0.002, "m that sensors press beyond the grasp in `squeeze_angles`, to which motors drive in hold tests", ge=0)
 
     @property
     def test(self) -> Literal["none", "lift", "six"]:
