@@ -7,15 +7,16 @@ import numpy as np
 
 from pipeline.kernels.geometry.mesh import Look, Mesh
 
-LOOK = ("uv", "face_material", "base_color", "material_texture")  # parts of a look that each has, in their order
-
 
 def read_mesh(view: Mapping[str, np.ndarray]) -> Mesh:
     """Read the normalised mesh from a row of `surfaces`."""
     names = list(view)
     textures = fnmatch.filter(names, "meshes/texture_*")
     look = Look(
-        *(view[f"meshes/{name}"] for name in LOOK),
+        uv=view["meshes/uv"],
+        face_material=view["meshes/face_material"],
+        base_color=view["meshes/base_color"],
+        material_texture=view["meshes/material_texture"],
         textures=tuple(view[f"meshes/texture_{number}"] for number in range(len(textures))),
         vertex_color=view["meshes/vertex_color"] if "meshes/vertex_color" in names else None,
     )
@@ -28,7 +29,10 @@ def mesh_row(mesh: Mesh) -> dict[str, np.ndarray]:
     return {
         "meshes/vertices": mesh.vertices,
         "meshes/faces": mesh.faces,
-        **{f"meshes/{name}": getattr(mesh.look, name) for name in LOOK},
+        "meshes/uv": mesh.look.uv,
+        "meshes/face_material": mesh.look.face_material,
+        "meshes/base_color": mesh.look.base_color,
+        "meshes/material_texture": mesh.look.material_texture,
         **{f"meshes/texture_{number}": texture for number, texture in enumerate(mesh.look.textures)},
         **colors,
     }
