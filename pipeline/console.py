@@ -75,8 +75,7 @@ def abbreviate(names: Sequence[str]) -> str:
     return ", ".join(names[:NAMED]) + (", …" if len(names) > NAMED else "")
 
 
-Cell = object
-"""Text, a number or an interval, which a format writes, a tuple of several, or None where there is no value."""
+Cell = object  # text, a number or an interval, which a format writes, a tuple of several, or None where there is no value
 Columns = dict[str, tuple[str, Callable[[Any], Cell]]]
 """Of a table, by name with the unit: the format of its numbers, and the function that takes a cell from an entry."""
 

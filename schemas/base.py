@@ -46,19 +46,13 @@ class Array:
 INDEXED_DIMS = ("grasp", "viewpoint", "press", "slide")
 """Second dimensions of which readers take one entry at a time: in large arrays each is a chunk of its own."""
 
-COMMON = {
+COMMON = {  # arrays that every artifact has
     "object": Array("object", "string", "1", "The object's name, the same in every artifact: the label of its dimension."),
     "object_id": Array("object", "string", "1", "The same names as `object`, called as in records and tables."),
     "category": Array("object", "string", "1", "The object's class."),
     "split": Array("object", "string", "1", "train, valid or test: a label, on which no value depends."),
-    "ok": Array(
-        "object",
-        "bool",
-        "1",
-        "False where the object could not be processed: its rows are zeros, and `failures` in the attributes says why.",
-    ),
+    "ok": Array("object", "bool", "1", "False where processing failed: its rows are zeros, `failures` in the attributes says why."),
 }
-"""Arrays that every artifact has."""
 
 
 class Artifact(Entries):
@@ -86,20 +80,19 @@ class Artifact(Entries):
         return None
 
 
-COORDINATES = {
+COORDINATES = {  # labels of dimensions: a stage that gives none copies those of its inputs
     "grasp": Array("grasp", "int32", "1", "Number of the grasp, 0 the best.", optional=True),
-    "sensor": Array(
-        "sensor",
-        "string",
-        "1",
-        "Name of the sensor: its finger's, numbered where it has several, or the one in the hand file.",
-        optional=True,
-    ),
+    "sensor": Array("sensor", "string", "1", "The sensor's name: its finger's, numbered if several, or the hand file's.", optional=True),
     "joint": Array("joint", "string", "1", "Name of the joint in the hand's URDF, finger by finger.", optional=True),
 }
-"""Labels of dimensions: a stage that gives none copies those of its inputs."""
 
 
 def coordinates(*names: str) -> dict[str, Array]:
     """Declare the labels of these dimensions."""
     return {name: COORDINATES[name] for name in names}
+
+
+def depth_map(dims: str) -> Array:
+    """Declare maps of the depths that a sensor measures."""
+    meaning = "D: distance from the sensor plane along its normal; +inf where nothing is met within range."
+    return Array(f"{dims} row col", "float32", "m", meaning, equation="1", infinite=True)

@@ -25,25 +25,10 @@ CHARTS = Artifact(
     summary="A touch chart for every sensor of every grasp, fitted to the points its U-Net sees, or to the true ones.",
     arrays={
         **coordinates("grasp", "sensor"),
-        "vertices": Array(
-            "object grasp sensor vertex xyz",
-            "float32",
-            "m",
-            "Vertices of the chart in the world; the undeformed sensor square where the sensor did not touch.",
-        ),
-        "residual": Array(
-            "object grasp sensor",
-            "float32",
-            "m",
-            "Root of the mean squared distance of the cloud's points to the chart's surface; 0 where no chart was fitted.",
-        ),
+        "vertices": Array("object grasp sensor vertex xyz", "float32", "m", "In the world; the undeformed sensor square without a touch."),
+        "residual": Array("object grasp sensor", "float32", "m", "RMS distance of the cloud's points to the chart; 0 without a chart."),
         "iterations": Array("object grasp sensor", "int32", "1", "Steps of Adam; 0 where no chart was fitted."),
-        "stop_rule": Array(
-            "object grasp sensor",
-            "uint8",
-            "1",
-            f"Why fitting stopped: {', '.join(f'{rule:d} {rule.name}' for rule in StopRule)}.",
-        ),
+        "stop_rule": Array("object grasp sensor", "uint8", "1", f"Stopped by {', '.join(f'{rule:d} {rule.name}' for rule in StopRule)}."),
         "chart_faces": Array("face corner", "int32", "1", "Triangles of every chart, as indices of its vertices."),
     },
 )

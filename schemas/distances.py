@@ -9,9 +9,7 @@ DISTANCES = Artifact(
     version=2,
     summary="Points in space, near every object and around it, and their signed distance to its surface: for implicit networks.",
     arrays={
-        "query_points": Array(
-            "object query xyz", "float32", "m", "Points near the surface and all over the cube around the object, world frame."
-        ),
+        "query_points": Array("object query xyz", "float32", "m", "Points near the surface and all over the cube around it, world frame."),
         "signed_distance": Array(
             "object query",
             "float32",

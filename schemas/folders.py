@@ -5,9 +5,7 @@ import shlex
 
 TREES = ("models", "sweeps", "scores")  # folders that hold records of folders, at any depth
 RECORD = re.compile(r"evaluation(-single-image|-seed-\d+)?\.json")  # records of folders beside the artifacts
-
-_MODEL = re.compile(r"models/(?:seed-(\d+)/)?([^/]+)(?:/([^/]+))?")
-"""Training seed, family and network of a model's folder."""
+_MODEL = re.compile(r"models/(?:seed-(\d+)/)?([^/]+)(?:/([^/]+))?")  # training seed, family and network of a model's folder
 
 
 def maker_of(folder: str, data: object) -> str:

@@ -10,23 +10,13 @@ GRASPS = Artifact(
     summary="The best grasps of every object: poses of hand and sensors as simulated, and which sensors touch.",
     arrays={
         **coordinates("grasp", "sensor", "joint"),
-        "hand_pose": Array(
-            "object grasp pose_row pose_column", "float64", "m", "The hand's root link (its URDF frame) in the world, best grasp first."
-        ),
-        "joint_angles": Array(
-            "object grasp joint", "float64", "rad", "Joint angles as simulated, finger by finger; m of a joint that slides."
-        ),
+        "hand_pose": Array("object grasp pose_row pose_column", "float64", "m", "Root link (URDF frame) in the world, best grasp first."),
+        "joint_angles": Array("object grasp joint", "float64", "rad", "Angles as simulated, finger by finger; m of joints that slide."),
         "pregrasp_angles": Array(
-            "object grasp joint",
-            "float64",
-            "rad",
-            "Joint angles from which the fingers closed, every sensor drawn back along its normal where there is room.",
+            "object grasp joint", "float64", "rad", "Joint angles before closing: sensors drawn back along normals where there is room."
         ),
         "squeeze_angles": Array(
-            "object grasp joint",
-            "float64",
-            "rad",
-            "Joint angles at which every sensor would be `squeeze` m further along its normal: what a robot drives to in order to hold.",
+            "object grasp joint", "float64", "rad", "Joint angles with sensors `squeeze` m further along their normals: commands that hold."
         ),
         "sensor_pose": Array(
             "object grasp sensor pose_row pose_column",
@@ -36,36 +26,17 @@ GRASPS = Artifact(
             "+x along image columns, +y along image rows.",
         ),
         "touch_success": Array(
-            "object grasp sensor",
-            "bool",
-            "1",
-            "M: whether the sensor touches, 0 < min D < w - 0.1 mm; w is the height of a curved gel at the pixel.",
+            "object grasp sensor", "bool", "1", "M: whether it touches, 0 < min D < w - 0.1 mm; w: a curved gel's height at the pixel."
         ),
         "contact_point": Array("object grasp sensor xyz", "float64", "m", "Middle of the contact, in the world; 0 without a touch."),
         "contact_normal": Array(
-            "object grasp sensor xyz",
-            "float64",
-            "1",
-            "Unit normal of the object's surface there, into the object, in the world; 0 without a touch.",
+            "object grasp sensor xyz", "float64", "1", "The object's unit normal there, into the object, in the world; 0 without a touch."
         ),
         "contact_area": Array(
-            "object grasp sensor",
-            "float32",
-            "m2",
-            "Area of the sensor plane over which the surface is deeper than 0.1 mm in the undeformed gel; 0 without a touch.",
+            "object grasp sensor", "float32", "m2", "Area where the surface is deeper than 0.1 mm in the undeformed gel; 0 without a touch."
         ),
-        "opposition": Array(
-            "object grasp",
-            "float32",
-            "degree",
-            "The greatest angle between the normals of two contacts: 180 where two sensors press against each other, 0 for fewer than two.",
-        ),
-        "closure": Array(
-            "object grasp",
-            "float32",
-            "1",
-            "Margin of force closure, to 0.001: 0 where the contacts cannot hold the object by friction, 1 where all of them press alike.",
-        ),
+        "opposition": Array("object grasp", "float32", "degree", "Greatest angle of contacts' normals: 180 face to face, 0 without two."),
+        "closure": Array("object grasp", "float32", "1", "Margin of force closure to 0.001: 0 if it cannot hold, 1 if all press alike."),
         "held": Array(
             "object grasp",
             "bool",
@@ -86,37 +57,15 @@ GRASPS = Artifact(
             infinite=True,
             optional=True,
         ),
-        "hold_speed": Array(
-            "object grasp direction",
-            "float32",
-            "m s-1",
-            "Its speed then: the distance in the last quarter second, divided by that time.",
-            infinite=True,
-            optional=True,
-        ),
-        "penetration": Array(
-            "object grasp",
-            "float32",
-            "m",
-            "Depth of the deepest rigid point inside the object, or of the object inside a rigid link; the gel is soft.",
-        ),
+        "hold_speed": Array("object grasp direction", "float32", "m s-1", "Its speed in the last 0.25 s.", infinite=True, optional=True),
+        "penetration": Array("object grasp", "float32", "m", "Depth of the deepest rigid point in the object, or of it in a rigid link."),
         "grasp_files": Array(
-            "object",
-            "string",
-            "1",
-            "From `read-grasps`: file and number of each grasp, one per line, 0 first. Grasps beyond the last line repeat them.",
-            optional=True,
+            "object", "string", "1", "`read-grasps`: file and number of each grasp, a line each; further grasps repeat them.", optional=True
         ),
         "refused_grasps": Array(
-            "object",
-            "string",
-            "1",
-            "From `read-grasps`: grasps of its files that are not among them, with reasons, one per line.",
-            optional=True,
+            "object", "string", "1", "From `read-grasps`: grasps of its files not among them, with reasons, one per line.", optional=True
         ),
         "attempts": Array("object", "int32", "1", "Placements of the hand tried, or grasps in files, before the best were chosen."),
-        "attempt_success": Array(
-            "object sensor", "float32", "1", "Share of the attempts made in which the sensor touched, before the best were chosen."
-        ),
+        "attempt_success": Array("object sensor", "float32", "1", "Share of all attempts in which the sensor touched."),
     },
 )

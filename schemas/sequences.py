@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from dataclasses import replace
 
-from schemas.base import Array
+from schemas.base import Array, depth_map
 
 SEQUENCES = {"slide": "slides", "lift": "touch"}  # kinds of sequences, the prefixes of their arrays, and the artifacts that hold them
 ALWAYS = ("time", "pose", "settled")  # quantities that no setting leaves out
@@ -21,26 +21,14 @@ def over_time(
     arrays = {
         "time": Array(dims, "float32", "s", "Time of the step since the first."),
         "pose": Array(f"{dims} pose_row pose_column", "float64", "m", "Sensor frame to the frame of the object."),
-        "depth": Array(
-            f"{dims} row col",
-            "float32",
-            "m",
-            "D: distance from the sensor plane along its normal; +inf where nothing is met within range.",
-            equation="1",
-            infinite=True,
-        ),
+        "depth": depth_map(dims),
         "tactile_image": Array(
             f"{dims} row col rgb", "uint8", "1/255", "R: the tactile image of the gel, with the sensor's markers as its surface moves them."
         ),
         "pressure": Array(f"{dims} row col", "float32", "Pa", "Normal pressure, to 12 binary digits; 0 outside the contact."),
         "shear": Array(f"{dims} row col xy", "float32", "m", "Displacement of the gel's surface from its rest, in multiples of 2^-22 m."),
         "traction": Array(f"{dims} row col xy", "float32", "Pa", "Tangential traction, at most friction times pressure; 12 binary digits."),
-        "slip": Array(
-            f"{dims} row col xy",
-            "float32",
-            "m",
-            "How far the object slid over the gel in the step, to 12 binary digits; 0 where it sticks and outside the contact.",
-        ),
+        "slip": Array(f"{dims} row col xy", "float32", "m", "How far the object slid in the step, to 12 binary digits; else 0."),
         "slip_share": Array(dims, "float32", "1", "Share of the contact that slips; 0 without contact."),
         "gross_slip": Array(dims, "bool", "1", "Whether the object touches and sticks nowhere."),
         "force": Array(f"{dims} xyz", "float32", "N", "Force on the gel, sensor frame; z points out of it: a press is negative."),

@@ -17,18 +17,11 @@ SURFACES = Artifact(
             "m / unit of the file; m",
             "object_to_world: how points of the source file, homogeneous, come into the world: turned upright, scaled, moved.",
         ),
-        "source_file": Array(
-            "object", "string", "1", "The file that the object was read from, from its folder of meshes, or the toy object."
-        ),
+        "source_file": Array("object", "string", "1", "The file the object was read from, from its folder of meshes, or the toy object."),
         "source_sha256": Array("object", "string", "1", "SHA-256 of that file; empty for a toy object."),
         "licence": Array("object", "string", "1", "Licence of the mesh, as the manifest states it."),
         "unread": Array("object", "string", "1", "What the file holds or names and the mesh lacks, with reasons, one per line."),
-        "metres_per_unit": Array(
-            "object",
-            "float64",
-            "m",
-            "Unit of the file where objects have sizes of their own; 0 where all were scaled to one size.",
-        ),
+        "metres_per_unit": Array("object", "float64", "m", "Unit of the file where objects keep their sizes; 0 where scaled to one size."),
         "watertight": Array("object", "bool", "1", "Every edge of the mesh has two faces."),
         "degenerate_faces": Array("object", "int32", "1", "Faces without area that the gate removed."),
         "duplicate_faces": Array("object", "int32", "1", "Repeated faces that the gate removed."),
@@ -41,11 +34,7 @@ SURFACES = Artifact(
         "meshes/base_color": Array("material rgba", "uint8", "1/255", "sRGB colour and opacity of a material."),
         "meshes/material_texture": Array("material", "int32", "1", "N of the `texture_N` a material wears, -1 for none."),
         "meshes/vertex_color": Array(
-            "vertex rgba",
-            "uint8",
-            "1/255",
-            "sRGB colour and opacity of a vertex, linear over faces, times `base_color`; of files that state vertex colours.",
-            optional=True,
+            "vertex rgba", "uint8", "1/255", "sRGB and opacity, linear over faces, times `base_color`; of files with them.", optional=True
         ),
         "meshes/texture_*": Array("texture_row texture_column rgba", "uint8", "1/255", "A texture, top row first."),
     },

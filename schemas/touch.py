@@ -1,6 +1,6 @@
 """Schema of `touch`, from `simulate-touch`: depth maps and tactile images of every sensor of every grasp."""
 
-from schemas.base import Array, Artifact, coordinates
+from schemas.base import Array, Artifact, coordinates, depth_map
 from schemas.sequences import over_time
 
 TOUCH = Artifact(
@@ -11,33 +11,12 @@ TOUCH = Artifact(
     summary="What every sensor of every grasp feels: depth, tactile image, and the surface points in its gel.",
     arrays={
         **coordinates("grasp", "sensor"),
-        "depth": Array(
-            "object grasp sensor row col",
-            "float32",
-            "m",
-            "D: distance from the sensor plane along its normal; +inf where nothing is met within range.",
-            equation="1",
-            infinite=True,
-        ),
+        "depth": depth_map("object grasp sensor"),
         "tactile_image": Array("object grasp sensor row col rgb", "uint8", "1/255", "R: the tactile image of `depth`.", equation="2-5"),
-        "untouched": Array(
-            "sensor row col rgb",
-            "uint8",
-            "1/255",
-            "The tactile image of each sensor when nothing touches it: losses mask against it.",
-            equation="2-5",
-        ),
-        "pressure": Array(
-            "object grasp sensor row col", "float32", "Pa", "Normal pressure on an elastic gel, 0 outside the contact.", optional=True
-        ),
+        "untouched": Array("sensor row col rgb", "uint8", "1/255", "Tactile image without touch: losses mask against it.", equation="2-5"),
+        "pressure": Array("object grasp sensor row col", "float32", "Pa", "Normal pressure on an elastic gel, 0 elsewhere.", optional=True),
         "force": Array("object grasp sensor", "float32", "N", "Normal force on an elastic gel.", optional=True),
-        "indentation": Array(
-            "object grasp sensor",
-            "float32",
-            "m",
-            "How deep the object is in the undeformed elastic gel at its deepest point.",
-            optional=True,
-        ),
+        "indentation": Array("object grasp sensor", "float32", "m", "Greatest depth of the object in the undeformed gel.", optional=True),
         "local_points": Array(
             "object grasp sensor point xyz",
             "float32",
@@ -48,15 +27,9 @@ TOUCH = Artifact(
         "local_count": Array("object grasp sensor", "int32", "1", "How many of `local_points` there are.", optional=True),
         **over_time("lift", "object grasp sensor step"),
         "lift_object_pose": Array(
-            "object grasp step pose_row pose_column",
-            "float64",
-            "m",
-            "The object in the world, from where it was grasped; in the first step it is there.",
-            optional=True,
+            "object grasp step pose_row pose_column", "float64", "m", "The object in the world; at first as it was grasped.", optional=True
         ),
-        "lift_weight": Array(
-            "object grasp step", "float32", "N", "How much of its weight is on the gels, along the world's -z.", optional=True
-        ),
+        "lift_weight": Array("object grasp step", "float32", "N", "Its weight on the gels, along the world's -z.", optional=True),
         "lift_imbalance": Array(
             "object grasp step",
             "float32",
@@ -66,11 +39,7 @@ TOUCH = Artifact(
             optional=True,
         ),
         "lift_held": Array(
-            "object grasp step",
-            "bool",
-            "1",
-            "False from the step in which no gel touches the object, or it moves over one by more than its thickness: then it is gone.",
-            optional=True,
+            "object grasp step", "bool", "1", "False once no gel touches it, or it slid over one by more than its thickness.", optional=True
         ),
     },
 )

@@ -12,13 +12,7 @@ VISION = Artifact(
         **coordinates("grasp"),
         "camera": Array("camera", "string", "1", "Name of the camera in the scene file. Networks are shown the first one's images."),
         "unoccluded": Array("object camera row col rgb", "uint8", "1/255", "V_u: the object alone, sRGB."),
-        "occluded": Array(
-            "object grasp camera row col rgb",
-            "uint8",
-            "1/255",
-            "V_o: the object with the hand as it stood in each grasp, sRGB.",
-            optional=True,
-        ),
+        "occluded": Array("object grasp camera row col rgb", "uint8", "1/255", "V_o: with the hand in each grasp, sRGB.", optional=True),
         "segmentation": Array(
             "object view camera row col",
             "uint8",

@@ -9,9 +9,10 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from pipeline.config.settings import ObjectSettings, described_by, setting
+from pipeline.config.settings import ObjectSettings, defining, described_by
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.engine.stage import Inputs, ObjectStage, Unit
+from pipeline.entries import Range
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor, sensor_files
 from pipeline.kernels.touch.press_shapes import SHAPES, PressRanges, Relief, draw_patch, draw_shape, known_shape
@@ -21,45 +22,31 @@ from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.surfaces import SURFACES
 
-GEL_BITS, FAR_BITS = 26, 18
-"""Depths are stored in steps of 2^-26 m in the gel and of 2^-18 m beyond, as `simulate-touch` stores them."""
+GEL_BITS, FAR_BITS = 26, 18  # depths are stored in steps of 2^-26 m in the gel and of 2^-18 m beyond, as `simulate-touch` stores them
 
 
-def rising(limits: tuple[float, float]) -> tuple[float, float]:
-    """Return a range as it is; raise a `ValueError` if its ends are exchanged."""
-    if limits[0] > limits[1]:
-        raise ValueError(f"it is {list(limits)}; the least comes first, then the greatest")
-    return limits
-
-
-Positive = Annotated[float, Field(gt=0, le=10)]
-Range = Annotated[tuple[Positive, Positive], AfterValidator(rising)]
+Positives = Range[Annotated[float, Field(gt=0, le=10)]]
 DEFAULT = PressRanges()
 
 
 class GelSettings(ObjectSettings):
     """The gel, and what is pressed into it without a hand."""
 
-    sensor: Annotated[str, described_by("sensor")] = setting(
-        "gelsight", "a calibrated one: photographs of your own sensor need the file of `calibrate-sensor`", changes="definition"
+    sensor: Annotated[str, described_by("sensor")] = defining(
+        "gelsight", "a calibrated one: photographs of your own sensor need the file of `calibrate-sensor`"
     )
-    pixels: int | None = setting(
+    pixels: int | None = defining(
         160,
         "along the longer side, square ones: enough for what a gel shows, a sixteenth of a camera's bytes; null keeps the sensor's",
         ge=8,
         le=MAX_PIXELS_PER_SIDE,
-        changes="definition",
     )
-    patches: float = setting(
-        0.2, "share of what is pressed that is a patch of the object itself; the rest are `shapes`", ge=0, le=1, changes="definition"
+    patches: float = defining(0.2, "share of what is pressed that is a patch of the object itself; the rest are `shapes`", ge=0, le=1)
+    shapes: tuple[Annotated[str, AfterValidator(known_shape)], ...] = defining(
+        tuple(SHAPES), "all shapes: a network memorises a single one", min_length=1
     )
-    shapes: tuple[Annotated[str, AfterValidator(known_shape)], ...] = setting(
-        tuple(SHAPES), "all shapes: a network memorises a single one", min_length=1, changes="definition"
-    )
-    size: Range = setting(DEFAULT.size, "least and greatest radius of a shape, m: what fits on a gel of 2 cm", changes="definition")
-    depth: Range = setting(
-        DEFAULT.depth, "least and greatest depth of the deepest point in the gel, m: what hands and people press", changes="definition"
-    )
+    size: Positives = defining(DEFAULT.size, "least and greatest radius of a shape, m: what fits on a gel of 2 cm")
+    depth: Positives = defining(DEFAULT.depth, "least and greatest depth of the deepest point in the gel, m: what hands and people press")
 
 
 class PressingStage(ObjectStage):

@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from pipeline.config.settings import ObjectSettings, setting
+from pipeline.config.settings import ObjectSettings, defining
 from pipeline.config.sources import Object
 from pipeline.engine.stage import Cost, Inputs, ObjectStage, Unit
 from pipeline.errors import InvalidInput
@@ -23,10 +23,8 @@ Intensity = Annotated[int, Field(ge=0, le=255)]
 class RenderingSettings(ObjectSettings):
     """How the cited renderings are read (supplement 3.6)."""
 
-    background: tuple[Intensity, Intensity, Intensity] = setting(
-        (255, 255, 255),
-        "sRGB where the renderings are transparent; the supplement does not say, Pixel2Mesh has white",
-        changes="definition",
+    background: tuple[Intensity, Intensity, Intensity] = defining(
+        (255, 255, 255), "sRGB where renderings are transparent; the supplement does not say, Pixel2Mesh has white"
     )
 
 
@@ -59,7 +57,5 @@ class ReadRenderings(ObjectStage):
         return {
             "rendering": np.rint(opacity * images[..., :3] + (1 - opacity) * settings.background).astype(np.uint8),
             "silhouette": opacity[..., 0] >= 0.5,
-            "rendering_camera": np.stack(
-                [placed_camera(viewpoint_camera(viewpoint, PIXELS), surface["placement"]) for viewpoint in viewpoints]
-            ),
+            "rendering_camera": np.stack([placed_camera(viewpoint_camera(view, PIXELS), surface["placement"]) for view in viewpoints]),
         }

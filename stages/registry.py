@@ -26,7 +26,7 @@ from pipeline.formats.file_content import expanded
 from pipeline.store.storage import Location, as_location, on_disk
 from schemas.catalogue import ARTIFACTS
 
-BUILT_IN = {
+BUILT_IN = {  # module and class of each stage. Importing the module is cheap: what a stage computes with is imported in its session.
     "sample-surfaces": "stages.sample_surfaces:SampleSurfaces",
     "simulate-grasps": "stages.simulate_grasps.stage:SimulateGrasps",
     "read-grasps": "stages.simulate_grasps.read_stage:ReadGrasps",
@@ -45,13 +45,11 @@ BUILT_IN = {
     "train-single-image": "stages.train_gcn:TrainSingleImage",
     "evaluate-single-image": "stages.evaluate.stage:EvaluateSingleImage",
 }
-"""Module and class of each stage. Importing the module is cheap: what a stage computes with is imported in its session."""
 
-STAGES = {
+STAGES = {  # all stages: `BUILT_IN`, then those of plugins
     **{name: EntryPoint(name, value, "vt_pipeline.stages") for name, value in BUILT_IN.items()},
     **{entry.name: entry for entry in plugins.declared("stages") if entry.name not in BUILT_IN},
 }
-"""All stages: `BUILT_IN`, then those of plugins."""
 
 GRASP_STAGES = [name for name in BUILT_IN if "single-image" not in name and not name.startswith("read-")]
 """Stages for any manifest; the others need files of renderings or grasps."""

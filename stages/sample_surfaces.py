@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.config.settings import ObjectSettings, setting
+from pipeline.config.settings import ObjectSettings, defining, setting
 from pipeline.config.sources import Object, identity, modelled
 from pipeline.console import abbreviate, pluralise
 from pipeline.dataset.mesh_rows import mesh_row
@@ -26,18 +26,14 @@ class SurfaceSettings(ObjectSettings):
     """How meshes become points on their exterior surface (supplement 1.1, 1.2)."""
 
     points: int = setting(10_000, "the supplement's S^obj (1.1)", ge=10)
-    diagonal: float = setting(
-        DIAGONAL, "bounding-box diagonal that objects are scaled to, m: the authors' 1 × 0.5", ge=1e-3, le=100, changes="definition"
-    )
+    diagonal: float = defining(DIAGONAL, "bounding-box diagonal that objects are scaled to, m: the authors' 1 × 0.5", ge=1e-3, le=100)
     directions: int = setting(
         256,
         "view directions per point; a point is exterior if two are unobstructed: 64 miss 0.1 % of the surface, more reach ever narrower "
         "gaps; with fewer than 16, no two may see a face of a box",
         ge=16,
     )
-    max_faces: int = setting(
-        500_000, "with more, physics takes minutes per object and its result hardly changes", gt=0, changes="definition"
-    )
+    max_faces: int = defining(500_000, "with more, physics takes minutes per object, and hardly changes", gt=0)
 
 
 class SampleSurfaces(ObjectStage):

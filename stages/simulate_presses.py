@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.config.settings import setting
+from pipeline.config.settings import defining
 from pipeline.engine.stage import Cost
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.depth_maps import normal_force, press_gel, quantise_depth, scaled_gel
@@ -15,17 +15,15 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.store.rows import Row
 from schemas.presses import PRESSED, PRESSES
-from stages.pressing_stage import FAR_BITS, GEL_BITS, GelSettings, PressingStage, Range, pressed_sensor
+from stages.pressing_stage import FAR_BITS, GEL_BITS, GelSettings, Positives, PressingStage, pressed_sensor
 
 
 class PressSettings(GelSettings):
     """The number of presses, and variants of the gel."""
 
-    presses: int = setting(72, "per object: 1800 for 25 objects, enough for a small network", ge=1, le=10_000, changes="definition")
-    gel: Range | None = setting(
-        None,
-        "least and greatest factor of the membrane's width, or of an elastic gel's thickness, drawn per press; null: the sensor's gel",
-        changes="definition",
+    presses: int = defining(72, "per object: 1800 for 25 objects, enough for a small network", ge=1, le=10_000)
+    gel: Positives | None = defining(
+        None, "least and greatest factor of the membrane's width, or an elastic gel's thickness, per press; null: 1"
     )
 
 

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import AfterValidator
 
-from pipeline.config.settings import setting
+from pipeline.config.settings import defining, setting
 from pipeline.engine.stage import Cost
+from pipeline.entries import Range
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.depth_maps import quantise_depth
 from pipeline.kernels.touch.elastic_contact import check_layer
@@ -30,28 +30,20 @@ from pipeline.store.shard import Shard
 from schemas.presses import PRESSED
 from schemas.sequences import ALWAYS
 from schemas.slides import SLIDES
-from stages.pressing_stage import FAR_BITS, GEL_BITS, GelSettings, PressingStage, Range, pressed_sensor, rising
+from stages.pressing_stage import FAR_BITS, GEL_BITS, GelSettings, Positives, PressingStage, pressed_sensor
 
 
 class SlideSettings(GelSettings):
     """The paths, their friction, and what is stored of each step."""
 
-    patches: float = setting(
-        0.5, "share of the slides that are over patches of the object itself; the rest are over `shapes`", ge=0, le=1, changes="definition"
-    )
-    slides: int = setting(4, "sequences per object: press, slide, twist, lift off", ge=1, le=10_000, changes="definition")
-    steps: int = setting(32, "per sequence: 2 s at the default rate", ge=4, le=1000, changes="definition")
-    rate: float = setting(16.0, "steps per second: a step moves by less than a contact's radius", gt=0, le=1e4, changes="definition")
-    friction: Annotated[tuple[Friction, Friction], AfterValidator(rising)] | None = setting(
-        (0.3, 1.2), "least and greatest coefficient, drawn per sequence: rubber's; null: the sensor's", changes="definition"
-    )
-    press_speed: Range = setting(
-        (0.003, 0.006), "least and greatest speed of press and lift, m/s: either takes under half a second", changes="definition"
-    )
-    slide_speed: Range = setting(
-        (0.0005, 0.004), "least and greatest speed of the slide, m/s: from mostly sticking to gross slip", changes="definition"
-    )
-    twist_speed: Range = setting((0.1, 0.8), "least and greatest speed of the twist, rad/s, either way round", changes="definition")
+    patches: float = defining(0.5, "share of the slides that are over patches of the object itself; the rest are over `shapes`", ge=0, le=1)
+    slides: int = defining(4, "sequences per object: press, slide, twist, lift off", ge=1, le=10_000)
+    steps: int = defining(32, "per sequence: 2 s at the default rate", ge=4, le=1000)
+    rate: float = defining(16.0, "steps per second: a step moves by less than a contact's radius", gt=0, le=1e4)
+    friction: Range[Friction] | None = defining((0.3, 1.2), "least and greatest coefficient, drawn per sequence: rubber's; null: sensor's")
+    press_speed: Positives = defining((0.003, 0.006), "least and greatest speed of press and lift, m/s: either takes under half a second")
+    slide_speed: Positives = defining((0.0005, 0.004), "least and greatest speed of the slide, m/s: from mostly sticking to gross slip")
+    twist_speed: Positives = defining((0.1, 0.8), "least and greatest speed of the twist, rad/s, either way round")
     store: tuple[Quantity, ...] | None = setting(
         None,
         f"what is computed and stored of each step beside {', '.join(ALWAYS)}, from {', '.join(CHOSEN)}; null: all but traction, and "

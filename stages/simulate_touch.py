@@ -134,9 +134,7 @@ class SimulateTouch(ObjectStage):
         if same_fingers and hand["sensor_digest"] == assets_digest(self.assets(settings)):  # even if the files were moved
             return
         if mounted != sensors:
-            raise InvalidInput(
-                f"the hand wears {mounted}, simulate-touch.sensors is {sensors}; leave it out, or name files of the same content"
-            )
+            raise InvalidInput(f"the hand wears {mounted}, simulate-touch.sensors is {sensors}; leave it out, or name equal files")
         names = ", ".join(dict.fromkeys(sensors))
         raise InvalidInput(f"the file of sensor {names} has changed since the grasps were made; run simulate-grasps again")
 

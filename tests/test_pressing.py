@@ -42,7 +42,7 @@ def test_only_elastic_gels_give_pressure_and_force():
     assert touch.pressure.sum() * np.prod(ELASTIC.pitch) == pytest.approx(touch.force)
     assert touch.contact_area == pytest.approx(np.pi * RADIUS * 5e-4, rel=0.06)  # half the area that the ball cuts out of the gel's plane
     assert len(touch.points) == (touch.pressure > 0).sum()
-    with pytest.raises(vt.InvalidInput, match="sensor gelsight has no elastic gel, so pressure is not known; give its file `gel:"):
+    with pytest.raises(vt.InvalidInput, match="sensor gelsight has no elastic gel, so pressure is unknown; give its file `gel:"):
         _ = vt.press(RELIEF, SENSOR, depth=5e-4).force
 
 
@@ -57,7 +57,7 @@ def test_only_elastic_gels_give_pressure_and_force():
         (lambda: vt.press(RELIEF, SENSOR, depth=0.01), vt.InvalidInput, "depth is 0.01 m; a press .* less than the gel"),
         (lambda: vt.press(BALL, SENSOR, facing(1.0), depth=1e-3), vt.InvalidInput, "no surface lies within 0.02 m in front of the pose"),
         (lambda: vt.press(BALL, SENSOR, facing(0.012), depth=0.01), vt.InvalidInput, "depth is 0.01 m"),
-        (lambda: vt.press(BALL, SENSOR, facing(0.003), depth=1e-3), vt.InvalidInput, "a part of the object begins behind the pose's plane"),
+        (lambda: vt.press(BALL, SENSOR, facing(0.003), depth=1e-3), vt.InvalidInput, "part of the object begins behind the pose's plane"),
         (lambda: vt.press(BALL, SENSOR, 2 * np.eye(4), depth=1e-3), vt.InvalidInput, "not a rigid motion"),
         (lambda: vt.image(np.zeros((3, 3)), SENSOR), vt.InvalidInput, r"depth of shape \(3, 3\)"),
         (lambda: vt.image(np.full(SENSOR.shape, np.nan), SENSOR), vt.InvalidInput, "NaN"),

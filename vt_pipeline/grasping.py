@@ -18,8 +18,7 @@ from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.touch.sensor import Sensor
 from vt_pipeline.objects import Source, TouchObject, as_object
 
-POINTS = 10_000
-"""Points of the surface, from which the palm's places are drawn."""
+POINTS = 10_000  # points of the surface, from which the palm's places are drawn
 
 
 @dataclass(frozen=True, eq=False)

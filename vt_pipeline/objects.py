@@ -13,8 +13,7 @@ from pipeline.formats.mesh_reader import load_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.ray_depth import BoxedFaces, box_faces
 
-Source = str | Path | tuple[ArrayLike, ArrayLike]
-"""What an object is made from: a mesh file, or vertices and faces."""
+Source = str | Path | tuple[ArrayLike, ArrayLike]  # what an object is made from: a mesh file, or vertices and faces
 
 
 @dataclass(frozen=True, eq=False)

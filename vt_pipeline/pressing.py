@@ -15,8 +15,7 @@ from pipeline.kernels.touch.tactile_image import tactile_image
 from vt_pipeline.objects import Source, TouchObject, as_object
 from vt_pipeline.touching import Touch, as_poses, as_rng, as_sensor, touch
 
-DEPTH_TOLERANCE = 1e-6
-"""m, within which an object is pressed to the depth that was asked for; rays meet the same points from everywhere along the normal."""
+DEPTH_TOLERANCE = 1e-6  # m, within which an object is pressed to the depth asked for; rays meet the same points from all along the normal
 
 
 def image(depth: np.ndarray, sensor: Sensor | str | Path, rng: np.random.Generator | None = None) -> NDArray[np.uint8]:
@@ -118,9 +117,7 @@ def press(
     pose[:3, 3] += (depth - _deepest(depth_map, sensor)) * pose[:3, 2]
     touched = touch(object_, sensor, pose, rng=rng)
     if abs((reached := _deepest(touched.depth, sensor)) - depth) > DEPTH_TOLERANCE:
-        raise InvalidInput(
-            f"a part of the object begins behind the pose's plane and would lie {reached:.3g} m deep; let the pose begin outside"
-        )
+        raise InvalidInput(f"part of the object begins behind the pose's plane and would lie {reached:.3g} m deep; begin outside")
     return touched
 
 

@@ -23,8 +23,7 @@ from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sen
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from vt_pipeline.objects import Source, TouchObject, as_object
 
-MIN_TOUCHES_PER_PROCESS = 32
-"""Least number of touches for which a process is started."""
+MIN_TOUCHES_PER_PROCESS = 32  # least number of touches for which a process is started
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +62,7 @@ class Touch:
     def pressure(self) -> NDArray[np.float64]:
         """(rows, cols) normal pressure, Pa; an `InvalidInput` if the sensor has no elastic gel."""
         if self.gel.pressure is None:
-            raise InvalidInput(
-                f"sensor {self.sensor.name} has no elastic gel, so pressure is not known; give its file `gel: {{modulus: …}}`"
-            )
+            raise InvalidInput(f"sensor {self.sensor.name} has no elastic gel, so pressure is unknown; give its file `gel: {{modulus: …}}`")
         return self.gel.pressure
 
     @property

@@ -25,14 +25,13 @@ from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.kernels.vision.camera import Camera, camera_pose, project_points, projection_matrix
 
-ENTRIES: dict[Kind, set[str]] = {
+ENTRIES: dict[Kind, set[str]] = {  # entries that identify the kinds of description files
     "sensor": {"w", "rows", "cols"},
     "hand": {"model", "urdf", "palm", "fingers"},
     "scene": {"cameras", "background"},
     "manifest": {"sources", "splits"},
     "observation": {"object", "camera", "touches"},
 }
-"""Entries that identify the kinds of description files."""
 SIZE = 0.5  # m, diagonal of an object that must be visible in the images
 PRESS = 0.25  # depth to which ball and edge are pressed in, as a share of the gel's height in its middle
 

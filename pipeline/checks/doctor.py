@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
-APT = "apt-get install -y libegl1 libgl1 libxrender1 libgl1-mesa-dri"
-"""What Debian and Ubuntu need for rendering without a screen."""
+APT = "apt-get install -y libegl1 libgl1 libxrender1 libgl1-mesa-dri"  # what Debian and Ubuntu need for rendering without a screen
 LEARNING = ("safetensors", "tensorboard")
 
 MODULES = ("torch", "pybullet", "trimesh", "embreex", "igl", "numba", "zarr", "scipy", "matplotlib", "xarray", *LEARNING)

@@ -41,23 +41,21 @@ from stages.simulate_grasps.stage import GraspSettings
 
 POSTURES = 512  # random postures in which links are checked for overlaps
 MIN_TRAVEL = 1e-3  # m, least travel of a sensor along its normal as its finger closes
-FAR_PALM = 2.0
-"""A palm is far if no sensor comes nearer to its centre than this many times the greatest distance between two sensors."""
+FAR_PALM = 2.0  # a palm is far if no sensor comes nearer to its centre than this many times the greatest distance between two sensors
 LARGE = 2.0  # m, that no hand opens
 VIEWS = {"from +x": (1, 2, 0), "from +y": (0, 2, 1), "from +z": (0, 1, 2)}
 """Title, and the axes of the root link that point right, up and towards the viewer."""
 MAX_TRIANGLES = 20_000  # of each collision shape in a picture; others are not drawn
 ROUNDED = 0.01  # share of a joint's range by which it may pass its limits: multipliers and limits are rounded
 HOLLOW = 2e-3  # m, depth from which a hollow that a convex shape fills is reported: more than a gel is pressed in
-RED, GREY = (0.9, 0.2, 0.2), (0.6, 0.65, 0.7)
-"""Colours of links that overlap, and of others, where they face the viewer."""
+RED, GREY = (0.9, 0.2, 0.2), (0.6, 0.65, 0.7)  # colours of links that overlap, and of others, where they face the viewer
 ARROW = 0.15  # length of the palm's arrow, and of a sensor's longest motion, as a share of the hand's size
 STEP = 0.05  # share of every joint's range by which joints move to find the closing directions
 ATTEMPTS = 10
 BALL_SHARE = 0.5  # diameter of the ball, as a share of the hand's opening
 NO_ROOM = "the hand has no room around the ball"
 PALM = "let palm.facing and palm.centre of the hand file point to where an object lies; the picture draws them"
-REMEDIES = {
+REMEDIES = {  # what to do if no attempt succeeds, by how the most frequent reason begins
     NO_ROOM: PALM,
     "fingers still move": "lower torque in the hand file",
     "a joint is pushed": "lower torque in the hand file",
@@ -65,7 +63,6 @@ REMEDIES = {
     "links of the hand": "write the entries that end the overlaps into the hand file",
     "a rigid link": "lay the sensors' origins on the surface of their links, and normals outwards, in the hand file",
 }
-"""What to do if no attempt succeeds, by how the most frequent reason begins."""
 
 
 def check_hand(path: Path, picture: Path) -> list[str]:
@@ -228,9 +225,8 @@ def draw_hand(hand: Hand, sensors: Sequence[Sensor], red: set[int], path: Path) 
     proportions = {"width_ratios": [(size[right] + arrow) / (size[up] + arrow) for right, up, _ in VIEWS.values()]}
     for axes, (title, (right, up, eye)) in zip(figure.subplots(1, 3, gridspec_kw=proportions), VIEWS.items(), strict=True):
         order, shades = np.argsort(triangles[:, :, eye].mean(axis=1)), base_colors * (0.5 + 0.5 * np.abs(normals[:, eye, None]))
-        axes.add_collection(
-            PolyCollection(list(triangles[order][:, :, [right, up]]), facecolors=shades[order], edgecolors="none", alpha=0.6)
-        )
+        shapes = list(triangles[order][:, :, [right, up]])
+        axes.add_collection(PolyCollection(shapes, facecolors=shades[order], edgecolors="none", alpha=0.6))
         _arrow(axes, hand.palm_centre[[right, up]], hand.palm_facing[[right, up]] * arrow, "black", "palm")
         for number, (pose, color) in enumerate(zip(poses, colors, strict=True)):
             for line in gels[number]:

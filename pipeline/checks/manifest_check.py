@@ -27,8 +27,7 @@ from stages.sample_surfaces import SampleSurfaces, SurfaceSettings, normalised_m
 
 LISTED = 50  # objects, faults or categories that are listed one by one
 USUAL = (0.01, 2.0)  # m, diagonals of objects that hands grasp; others raise doubt about the unit
-DRAWN, PER_ROW, PIXELS = 12, 6, 200
-"""Objects that are drawn, spread evenly by size, as the camera sees them: their number, number per row, and pixels of each."""
+DRAWN, PER_ROW, PIXELS = 12, 6, 200  # objects that are drawn, spread evenly by size: number, number per row, pixels of each
 LIKELY = (0.03, 0.6)  # m, diagonals at which a unit is likely
 SCALED = "none: scaled"
 QUANTILES = {"smallest": 0.0, "5 % are smaller": 0.05, "half are smaller": 0.5, "95 % are smaller": 0.95, "largest": 1.0}

@@ -12,14 +12,13 @@ from pipeline import plugins
 from pipeline.cli.failures import report_failures
 from pipeline.errors import PipelineError, unknown_name
 
-PANELS = {
+PANELS = {  # the commands of each panel, with the module of `pipeline.cli` that has the function of this name
     "Make": {"run": "run", "submit": "run", "remake": "share", "tradeoff": "tradeoff", "advise": "tradeoff"},
     "Learn": {"sweep": "tradeoff", **dict.fromkeys(("predict", "demo", "score", "read-touch"), "reconstruct")},
     "Describe": {"check": "inspection", "stages": "inspection"},
     "Look and export": {"status": "inspection", "summary": "inspection", "export": "share", "recipe": "share"},
     "Maintain": {"validate": "inspection", "collect-garbage": "inspection", "doctor": "inspection"},
 }
-"""The commands of each panel, with the module of `pipeline.cli` that has the function of this name."""
 
 EXTENSIONS = "Extensions"  # the panel of commands that packages declare as `vt_pipeline.commands`, with a function each
 

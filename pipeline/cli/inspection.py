@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 from rich.markup import escape
+from typer import Argument, Option
 
 from pipeline.cli import options
 from pipeline.cli.failures import fail
@@ -21,18 +22,14 @@ from stages.registry import STAGES, load_stage
 def check(
     file: Annotated[
         str,
-        typer.Argument(
+        Argument(
             help="A hand, sensor, scene, manifest or observation file, or the name of a shipped one.",
             autocompletion=options.complete_described("hand", "sensor", "scene", "manifest"),
         ),
     ],
-    picture: Annotated[Path | None, typer.Option(help="PNG to draw it in; by default NAME.png in the current folder.")] = None,
-    models: Annotated[
-        str | None, typer.Option(help="Folder of trained models, to check an observation against one; by default the pretrained ones.")
-    ] = None,
-    configuration: Annotated[
-        str | None, typer.Option(help="Which model of MODELS; by default occluded-touch, of pretrained ones implicit-any.")
-    ] = None,
+    picture: Annotated[Path | None, Option(help="PNG to draw it in; by default NAME.png in the current folder.")] = None,
+    models: Annotated[str | None, Option(help="Folder of trained models, for an observation; by default the pretrained ones.")] = None,
+    configuration: Annotated[str | None, Option(help="Which of MODELS; by default occluded-touch, pretrained: implicit-any.")] = None,
     objects: options.ObjectsOption = None,
     units: options.UnitsOption = None,
     up: options.UpOption = None,
@@ -82,7 +79,7 @@ def stages() -> None:
         show_tables([Table("", ["setting", "default", "changes", "why"], rows)])
 
 
-def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False) -> None:
+def status(data: DataArgument, as_json: Annotated[bool, Option("--json", help="Print everything as JSON.")] = False) -> None:
     """Show contents, failures and Slurm jobs of a data directory."""
     from pipeline.tables import status as report
 
@@ -100,7 +97,7 @@ def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", h
 
 def summary(
     data: DataArgument,
-    most: Annotated[int, typer.Option(min=1, help="Maximum number of objects to draw, spread evenly.")] = 40,
+    most: Annotated[int, Option(min=1, help="Maximum number of objects to draw, spread evenly.")] = 40,
 ) -> None:
     """Print a dataset's statistics; draw contact sheets, and animations of slides and lifts."""
     from pipeline.drawing.contact_sheet import SHOWN, contact_sheets, sequence_animations
@@ -123,8 +120,8 @@ def summary(
 
 def validate(
     data: DataArgument,
-    strict: Annotated[bool, typer.Option(help="Also reject artifacts that several kinds of processors computed.")] = False,
-    recipe: Annotated[Path | None, typer.Option(help="Also compare the rows with those of this recipe.")] = None,
+    strict: Annotated[bool, Option(help="Also reject artifacts that several kinds of processors computed.")] = False,
+    recipe: Annotated[Path | None, Option(help="Also compare the rows with those of this recipe.")] = None,
 ) -> None:
     """Check a data directory against schemas and digests.
 
@@ -151,7 +148,7 @@ def validate(
 
 def collect_garbage(
     data: DataArgument,
-    older_than: Annotated[float, typer.Option(min=0, help="Minimum age in minutes: readers may still use newer files.")] = 60.0,
+    older_than: Annotated[float, Option(min=0, help="Minimum age in minutes: readers may still use newer files.")] = 60.0,
 ) -> None:
     """Remove replaced groups and folders, and those that killed runs wrote.
 

@@ -1,11 +1,13 @@
 """Options that commands share, how a shell completes them, and the executor made from them."""
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal, cast, get_args, get_origin
 
 import typer
 from pydantic.fields import FieldInfo
+from typer import Argument, Option
 
 from pipeline.cli.failures import fail
 from pipeline.config.manifest import load_manifest
@@ -19,7 +21,7 @@ from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
 from stages.registry import STAGES, load_stage
 
-OBJECTS, SETTINGS, RUN = "Objects and data", "Settings", "How to run"  # panels in which help lists the options
+of_objects, of_settings, of_run = (partial(Option, rich_help_panel=panel) for panel in ("Objects and data", "Settings", "How to run"))
 
 
 def complete(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
@@ -79,58 +81,34 @@ def _values(name: str, field: FieldInfo) -> list[str]:
     return [value_text(choice) for choice in choices]
 
 
-DataArgument = Annotated[str, typer.Argument(help="Data directory, or s3://BUCKET/PREFIX.")]
+DataArgument = Annotated[str, Argument(help="Data directory, or s3://BUCKET/PREFIX.")]
 ManifestOption = Annotated[
     str,
-    typer.Option(
-        help="A built-in manifest, or the path of a YAML file.",
-        rich_help_panel=OBJECTS,
-        is_eager=True,
-        autocompletion=complete_described("manifest"),
-    ),
+    of_objects(help="A built-in manifest, or the path of a YAML file.", is_eager=True, autocompletion=complete_described("manifest")),
 ]
-PresetOption = Annotated[
-    str, typer.Option(help=f"One of {', '.join(load_presets())}.", rich_help_panel=SETTINGS, autocompletion=complete(load_presets))
-]
+PresetOption = Annotated[str, of_settings(help=f"One of {', '.join(load_presets())}.", autocompletion=complete(load_presets))]
 DataOption = Annotated[
     str | None,
-    typer.Option(
-        help="Directory or s3://BUCKET/PREFIX; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET.", rich_help_panel=OBJECTS
-    ),
+    of_objects(help="Directory or s3://BUCKET/PREFIX; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET."),
 ]
-ObjectsOption = Annotated[
-    Path | None, typer.Option(help="Folder of meshes, for manifests that name none.", rich_help_panel=OBJECTS, is_eager=True)
-]
+ObjectsOption = Annotated[Path | None, of_objects(help="Folder of meshes, for manifests that name none.", is_eager=True)]
 UnitsOption = Annotated[
     Literal["mm", "cm", "dm", "m", "in", "ft"] | None,
-    typer.Option(
-        help="Unit of the mesh files, to keep real sizes; else what they state, or all scaled to one size. A file's own entry comes first.",
-        rich_help_panel=OBJECTS,
-    ),
+    of_objects(help="Unit of the mesh files, to keep real sizes; else as they state, or all of one size. A file's own entry comes first."),
 ]
 UpOption = Annotated[
     Literal["x", "y", "z"] | None,
-    typer.Option(
-        help="Axis of the mesh files that points up; by default what they state (glTF: y), else z. A file's own entry comes first.",
-        rich_help_panel=OBJECTS,
-    ),
+    of_objects(help="Axis of the mesh files that points up; by default what they state (glTF: y), else z. A file's own entry comes first."),
 ]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option(
-        "--set",
-        help="STAGE.SETTING=VALUE, or SETTING=VALUE for every stage that has it.",
-        rich_help_panel=SETTINGS,
-        autocompletion=complete_setting,
-    ),
+    of_settings("--set", help="STAGE.SETTING=VALUE, or SETTING=VALUE for every stage that has it.", autocompletion=complete_setting),
 ]
-SeedOption = Annotated[int | None, typer.Option(min=0, help="Root seed, instead of the manifest's.", rich_help_panel=SETTINGS)]
+SeedOption = Annotated[int | None, of_settings(min=0, help="Root seed, instead of the manifest's.")]
 ExecutorName = Literal["processes", "serial"]
-ExecutorOption = Annotated[ExecutorName, typer.Option(help="processes: one per core; serial: this process alone.", rich_help_panel=RUN)]
-WorkersOption = Annotated[int, typer.Option(min=0, help="Worker processes on this machine; 0 for one per core.", rich_help_panel=RUN)]
-ShardsOption = Annotated[
-    int | None, typer.Option(min=1, max=9999, help="Number of shards; by default the dataset's, or 1.", rich_help_panel=RUN)
-]
+ExecutorOption = Annotated[ExecutorName, of_run(help="processes: one per core; serial: this process alone.")]
+WorkersOption = Annotated[int, of_run(min=0, help="Worker processes on this machine; 0 for one per core.")]
+ShardsOption = Annotated[int | None, of_run(min=1, max=9999, help="Number of shards; by default the dataset's, or 1.")]
 
 
 def make_executor(name: ExecutorName, workers: int, scheduler: str | None) -> Executor:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import typer
+from typer import Argument, Option
 
 from pipeline.cli.failures import fail
 from pipeline.cli.options import DataArgument, complete_made_object
@@ -24,31 +24,23 @@ Surface = Literal["charts", "joined", "both", "closed"]
 
 
 def predict(
-    out: Annotated[
-        Path,
-        typer.Argument(help="Mesh file to write: .obj, .ply or .glb. Metres, world frame, or the observation's; GLB is in metres, y up."),
-    ],
+    out: Annotated[Path, Argument(help="File to write: .obj, .ply or .glb. Metres, world frame, or the observation's; GLB: metres, y up.")],
     configuration: Annotated[
         str | None,
-        typer.Option(help="Which model of MODELS: touch, implicit-any, …; by default occluded-touch, of pretrained ones implicit-any."),
+        Option(help="Which model of MODELS: touch, implicit-any, …; by default occluded-touch, of pretrained ones implicit-any."),
     ] = None,
-    data: Annotated[str | None, typer.Option(help="Data directory; with --object, instead of files.")] = None,
-    models: Annotated[
-        str | None,
-        typer.Option(help="Folder of trained models, or shipped; by default DATA/models, else the pretrained ones."),
-    ] = None,
-    object_id: Annotated[
-        str | None, typer.Option("--object", help="An object of the data directory.", autocompletion=complete_made_object)
-    ] = None,
-    grasps: Annotated[list[int] | None, typer.Option("--grasp", min=0, help="A grasp of the object, from 0; repeat for several.")] = None,
-    view: Annotated[int, typer.Option(min=0, help="A rendering of the object, from 0; for single-image.")] = 0,
+    data: Annotated[str | None, Option(help="Data directory; with --object, instead of files.")] = None,
+    models: Annotated[str | None, Option(help="Folder of models, or shipped; by default DATA/models, else the pretrained ones.")] = None,
+    object_id: Annotated[str | None, Option("--object", help="Object of the data directory.", autocompletion=complete_made_object)] = None,
+    grasps: Annotated[list[int] | None, Option("--grasp", min=0, help="A grasp of the object, from 0; repeat for several.")] = None,
+    view: Annotated[int, Option(min=0, help="A rendering of the object, from 0; for single-image.")] = 0,
     observation: Annotated[
-        Path | None, typer.Option(help="YAML file of what a robot saw and felt (docs/guide/own-photographs.md); instead of --data.")
+        Path | None, Option(help="YAML file of what a robot saw and felt (docs/guide/own-photographs.md); instead of --data.")
     ] = None,
-    training_seed: Annotated[int, typer.Option(min=0, help="Which training of the model, where there are several.")] = 0,
-    surface: Annotated[Surface, typer.Option(help="charts, joined (at their seams), both, or one smooth closed mesh.")] = "both",
-    resolution: Annotated[int, typer.Option(min=64, max=400, help="Edges of the closed mesh along its longest side.")] = 128,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the chart fitting.")] = 0,
+    training_seed: Annotated[int, Option(min=0, help="Which training of the model, where there are several.")] = 0,
+    surface: Annotated[Surface, Option(help="charts, joined (at their seams), both, or one smooth closed mesh.")] = "both",
+    resolution: Annotated[int, Option(min=64, max=400, help="Edges of the closed mesh along its longest side.")] = 128,
+    seed: Annotated[int, Option(min=0, help="Seed of the chart fitting.")] = 0,
 ) -> None:
     """Reconstruct an object from one or several grasps.
 
@@ -76,7 +68,7 @@ def predict(
     print_lines(*result.remarks, *(f"{path}: {size}" for path in result.files))
 
 
-def demo(folder: Annotated[Path, typer.Argument(help="Folder to write to.")] = Path("demo")) -> None:
+def demo(folder: Annotated[Path, Argument(help="Folder to write to.")] = Path("demo")) -> None:
     """Reconstruct an object that no training saw, from one image and one grasp.
 
     The grasp is simulated, and reconstructed by the pretrained network: a closed coloured mesh, and a turntable of it beside the object.
@@ -94,14 +86,12 @@ def demo(folder: Annotated[Path, typer.Argument(help="Folder to write to.")] = P
 
 def score(
     folder: Annotated[
-        Path, typer.Argument(help="Folder of OBJECT.ply, .obj, .stl, .off, .glb, … or .npy, one per test object: metres, world frame.")
+        Path, Argument(help="Folder of OBJECT.ply, .obj, .stl, .off, .glb, … or .npy, per test object: metres, world frame.")
     ],
     data: DataArgument,
-    name: Annotated[str | None, typer.Option(help="Name of the method, in tables; by default the folder's.")] = None,
-    grasps: Annotated[
-        int, typer.Option(min=1, help="Grasps that the files were made from; more in folders grasps-N, or grasps-N-from-K, below.")
-    ] = 1,
-    misplaced: Annotated[bool, typer.Option(help="Also measure files that are far from their object, or in another unit.")] = False,
+    name: Annotated[str | None, Option(help="Name of the method, in tables; by default the folder's.")] = None,
+    grasps: Annotated[int, Option(min=1, help="Grasps the files were made from; more in folders grasps-N, or grasps-N-from-K, below.")] = 1,
+    misplaced: Annotated[bool, Option(help="Also measure files that are far from their object, or in another unit.")] = False,
 ) -> None:
     """Measure another method's reconstructions as `evaluate` measures networks.
 
@@ -119,24 +109,22 @@ def score(
 
 
 def read_touch(
-    untouched: Annotated[Path, typer.Option(help="The photograph with nothing in the gel.")],
-    sensor: Annotated[str, typer.Option(help="A sensor file, or the name of a built-in sensor.")],
-    photographs: Annotated[Path | None, typer.Argument(help="A photograph, or a folder of them; not with --camera.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for depth, contact, normals and points; else they are printed alone.")] = None,
-    model: Annotated[
-        Path | None, typer.Option(help="Folder of the network; by default NAME-touch beside the sensor file, else the pretrained one.")
-    ] = None,
-    camera: Annotated[int | None, typer.Option(min=0, help="Number of a camera, as OpenCV counts them.")] = None,
+    untouched: Annotated[Path, Option(help="The photograph with nothing in the gel.")],
+    sensor: Annotated[str, Option(help="A sensor file, or the name of a built-in sensor.")],
+    photographs: Annotated[Path | None, Argument(help="A photograph, or a folder of them; not with --camera.")] = None,
+    out: Annotated[Path | None, Option(help="Folder for depth, contact, normals and points; else they are printed alone.")] = None,
+    model: Annotated[Path | None, Option(help="Its folder; by default NAME-touch beside the sensor file, else the pretrained one.")] = None,
+    camera: Annotated[int | None, Option(min=0, help="Number of a camera, as OpenCV counts them.")] = None,
     accept_photographs: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--accept-photographs",
             help="Read photographs that seem altered: colours exchanged, turned, mirrored, grey, another exposure or sensor.",
         ),
     ] = False,
-    frames: Annotated[int | None, typer.Option(min=1, help="With --camera: stop after this many photographs.")] = None,
+    frames: Annotated[int | None, Option(min=1, help="With --camera: stop after this many photographs.")] = None,
     slides: Annotated[
-        bool, typer.Option("--slides", help="Photographs follow one another, of a gel with printed dots: read shear, force and torque too.")
+        bool, Option("--slides", help="Photographs follow one another, of a gel with printed dots: read shear, force and torque too.")
     ] = False,
 ) -> None:
     """Read depth and contact in photographs of a gel.

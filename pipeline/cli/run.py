@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from pipeline.cli import options
-from pipeline.cli.options import OBJECTS, RUN
+from pipeline.cli.options import of_objects, of_run
 from pipeline.config.manifest import load_manifest
 from pipeline.console import NAMED, abbreviate, console, print_lines, print_warning
 from pipeline.engine.make import make, shard_numbers
@@ -22,34 +23,26 @@ complete_stage = options.complete(lambda: STAGES)
 
 
 def run(
-    stages: Annotated[list[str], typer.Argument(help=f"One or more of {', '.join(STAGES)}.", autocompletion=complete_stage)],
+    stages: Annotated[list[str], Argument(help=f"One or more of {', '.join(STAGES)}.", autocompletion=complete_stage)],
     manifest: options.ManifestOption = "toy",
     preset: options.PresetOption = "draft",
     data: options.DataOption = None,
     objects: options.ObjectsOption = None,
-    shard: Annotated[int | None, typer.Option(min=0, help="Only this shard of --shards.", rich_help_panel=RUN)] = None,
+    shard: Annotated[int | None, of_run(min=0, help="Only this shard of --shards.")] = None,
     shards: options.ShardsOption = None,
     executor: options.ExecutorOption = "processes",
     workers: options.WorkersOption = 0,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Use the workers of this Dask scheduler, such as tls://HOST:8786.", rich_help_panel=RUN)
-    ] = None,
-    object_id: Annotated[
-        str | None,
-        typer.Option("--object", help="Process only this object.", rich_help_panel=OBJECTS, autocompletion=options.complete_object),
-    ] = None,
+    scheduler: Annotated[str | None, of_run(help="Use the workers of this Dask scheduler, such as tls://HOST:8786.")] = None,
+    object_id: Annotated[str | None, of_objects("--object", help="Make only this object.", autocompletion=options.complete_object)] = None,
     units: options.UnitsOption = None,
     up: options.UpOption = None,
     assignments: options.SetOption = None,
     seed: options.SeedOption = None,
-    strict: Annotated[bool, typer.Option(help="Stop at the first object that fails in this stage.", rich_help_panel=RUN)] = False,
-    retry: Annotated[bool, typer.Option(help="Try objects again that failed in this stage.", rich_help_panel=RUN)] = False,
-    check: Annotated[bool, typer.Option(help="Verify published rows first, and make damaged ones again.", rich_help_panel=RUN)] = False,
-    reuse: Annotated[
-        str | None,
-        typer.Option(help="Copy rows with equal keys from this data directory, e.g. of another number of shards.", rich_help_panel=RUN),
-    ] = None,
-    dry_run: Annotated[bool, typer.Option(help="Print what a run would do, and do nothing.", rich_help_panel=RUN)] = False,
+    strict: Annotated[bool, of_run(help="Stop at the first object that fails in this stage.")] = False,
+    retry: Annotated[bool, of_run(help="Try objects again that failed in this stage.")] = False,
+    check: Annotated[bool, of_run(help="Verify published rows first, and make damaged ones again.")] = False,
+    reuse: Annotated[str | None, of_run(help="Copy rows with equal keys from this directory, e.g. of another number of shards.")] = None,
+    dry_run: Annotated[bool, of_run(help="Print what a run would do, and do nothing.")] = False,
 ) -> None:
     """Run stages.
 
@@ -91,7 +84,7 @@ def print_made(made: Made) -> None:
 
 
 def submit(
-    stages: Annotated[list[str], typer.Argument(help=f"One or more of {', '.join(STAGES)}.", autocompletion=complete_stage)],
+    stages: Annotated[list[str], Argument(help=f"One or more of {', '.join(STAGES)}.", autocompletion=complete_stage)],
     manifest: options.ManifestOption = "toy",
     preset: options.PresetOption = "draft",
     data: options.DataOption = None,
@@ -100,15 +93,14 @@ def submit(
     up: options.UpOption = None,
     assignments: options.SetOption = None,
     seed: options.SeedOption = None,
-    shards: Annotated[int | None, typer.Option(min=1, max=9999, help="Tasks per stage; by default the dataset's shards, or 1.")] = None,
+    shards: Annotated[int | None, Option(min=1, max=9999, help="Tasks per stage; by default the dataset's shards, or 1.")] = None,
     cluster: Annotated[
         str,
-        typer.Option(
-            help="A built-in cluster, or the path of a YAML file: partitions, cores, times.",
-            autocompletion=options.complete_described("cluster"),
+        Option(
+            help="Built-in cluster, or path of a YAML file: partitions, cores, times.", autocompletion=options.complete_described("cluster")
         ),
     ] = "slurm",
-    dry_run: Annotated[bool, typer.Option(help="Print the scripts, and submit nothing.")] = False,
+    dry_run: Annotated[bool, Option(help="Print the scripts, and submit nothing.")] = False,
 ) -> None:
     """Run stages as jobs of a Slurm cluster.
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
+from typer import Argument, Option
 
 from pipeline import plugins
 from pipeline.cli import options
@@ -28,14 +29,12 @@ from pipeline.store.storage import as_location, list_folder, on_disk
 
 def recipe(
     data: options.DataArgument,
-    manifest: Annotated[str | None, typer.Option(help="Its manifest; by default the one that its records name.")] = None,
+    manifest: Annotated[str | None, Option(help="Its manifest; by default the one that its records name.")] = None,
     objects: options.ObjectsOption = None,
     units: options.UnitsOption = None,
     up: options.UpOption = None,
-    files_url: Annotated[
-        str | None, typer.Option(help="Web address of those files of your own hand, sensor and scene of which it has the SHA-256 alone.")
-    ] = None,
-    rows: Annotated[bool, typer.Option(help="Write the whole digest of every row, not its first 16 digits.")] = False,
+    files_url: Annotated[str | None, Option(help="Address of your hand, sensor and scene files of which it has the SHA-256 alone.")] = None,
+    rows: Annotated[bool, Option(help="Write the whole digest of every row, not its first 16 digits.")] = False,
 ) -> None:
     """Print a dataset's recipe: what makes it, and digests.
 
@@ -45,14 +44,14 @@ def recipe(
 
 
 def remake(
-    recipe: Annotated[Path, typer.Argument(help="A recipe, as `vt-pipeline recipe` prints it.")],
-    data: Annotated[str, typer.Option(help="Directory or s3://BUCKET/PREFIX to make the dataset in.")],
+    recipe: Annotated[Path, Argument(help="A recipe, as `vt-pipeline recipe` prints it.")],
+    data: Annotated[str, Option(help="Directory or s3://BUCKET/PREFIX to make the dataset in.")],
     objects: options.ObjectsOption = None,
     descriptions: Annotated[
         Path | None,
-        typer.Option(help="Folder for hand, sensor and scene files that come with no package; by default `descriptions` in DATA."),
+        Option(help="Folder for hand, sensor and scene files that come with no package; by default `descriptions` in DATA."),
     ] = None,
-    sample: Annotated[int | None, typer.Option(min=1, help="Make this many objects, drawn at random, and compare them.")] = None,
+    sample: Annotated[int | None, Option(min=1, help="Make this many objects, drawn at random, and compare them.")] = None,
     shards: options.ShardsOption = None,
     executor: options.ExecutorOption = "processes",
     workers: options.WorkersOption = 0,
@@ -107,10 +106,10 @@ def print_comparison(comparison: Comparison, recipe: object) -> bool:
 
 def export(
     data: options.DataArgument,
-    out: Annotated[Path, typer.Argument(help="Folder to write; of one object's scene, a .glb file.")],
+    out: Annotated[Path, Argument(help="Folder to write; of one object's scene, a .glb file.")],
     to: Annotated[
         str,
-        typer.Option(
+        Option(
             help="mesh, webdataset, oxt, grasps, lerobot or parquet (packages of '.\\[export]'), dexgraspbench (packages of "
             "'.\\[mujoco]'), or the name of another package's export.",
             autocompletion=options.complete(lambda: [entry.name for entry in plugins.declared("exports")]),
@@ -118,19 +117,14 @@ def export(
     ] = "mesh",
     objects: Annotated[
         list[str] | None,
-        typer.Option(
-            "--object",
-            help="With --to mesh, grasps or dexgraspbench: only this object; repeat for several.",
-            autocompletion=options.complete_made_object,
+        Option(
+            "--object", help="With --to mesh, grasps or dexgraspbench: only this; repeatable.", autocompletion=options.complete_made_object
         ),
     ] = None,
     of: Annotated[
-        str | None,
-        typer.Option(help="With --to lerobot, oxt, parquet, webdataset: grasps, or slides or lifts, a frame per step; by default grasps."),
+        str | None, Option(help="With --to lerobot, oxt, parquet, webdataset: slides or lifts, a frame per step; else grasps.")
     ] = None,
-    about: Annotated[
-        Path | None, typer.Option(help="With --to parquet: a YAML file with title, creators, url, licence … for card and Croissant.")
-    ] = None,
+    about: Annotated[Path | None, Option(help="With --to parquet: YAML of title, creators, url, licence … for card and Croissant.")] = None,
 ) -> None:
     """Write a dataset for other programs.
 

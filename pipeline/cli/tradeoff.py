@@ -9,12 +9,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
 import yaml
+from typer import Argument, Option
 
 from pipeline.cli import options
 from pipeline.cli.failures import fail
-from pipeline.cli.options import RUN
+from pipeline.cli.options import of_run
 from pipeline.cli.run import complete_stage, print_made
 from pipeline.config.manifest import load_manifest
 from pipeline.console import console, duration, pluralise, print_lines, print_warning, show_tables
@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # the commands below import these when they are called: scipy
 
 
 def tradeoff(
-    stages: Annotated[list[str] | None, typer.Argument(help=f"Of {', '.join(TRADED)}; by default those that make a dataset.")] = None,
+    stages: Annotated[list[str] | None, Argument(help=f"Of {', '.join(TRADED)}; by default those that make a dataset.")] = None,
     manifest: options.ManifestOption = "toy",
     preset: options.PresetOption = "draft",
     data: options.DataOption = None,
@@ -38,10 +38,8 @@ def tradeoff(
     units: options.UnitsOption = None,
     up: options.UpOption = None,
     assignments: options.SetOption = None,
-    minutes: Annotated[float, typer.Option(min=0.1, help="Time to take; more minutes, more objects.", rich_help_panel=RUN)] = 10,
-    until: Annotated[
-        str | None, typer.Option(help="evaluate: vary what a dataset is made of, and measure reconstructions.", rich_help_panel=RUN)
-    ] = None,
+    minutes: Annotated[float, of_run(min=0.1, help="Time to take; more minutes, more objects.")] = 10,
+    until: Annotated[str | None, of_run(help="evaluate: vary what a dataset is made of, and measure reconstructions.")] = None,
 ) -> None:
     """Measure on a sample of the objects how settings trade speed for accuracy.
 
@@ -102,12 +100,10 @@ def advise(
     units: options.UnitsOption = None,
     up: options.UpOption = None,
     assignments: options.SetOption = None,
-    within: Annotated[str | None, typer.Option(help="Time for all stages, as 90s, 10min, 3h or 2d.")] = None,
-    error: Annotated[
-        str | None, typer.Option(help="Limit on every error of the kind, as 0.1mm or 5%, or on one stage's: train-gcn=12.")
-    ] = None,
-    count: Annotated[int | None, typer.Option(min=1, help="How many objects; by default those of the sample.")] = None,
-    cores: Annotated[int | None, typer.Option(min=1, help="How many cores; by default this machine's.")] = None,
+    within: Annotated[str | None, Option(help="Time for all stages, as 90s, 10min, 3h or 2d.")] = None,
+    error: Annotated[str | None, Option(help="Limit on every error of the kind, as 0.1mm or 5%, or on one stage's: train-gcn=12.")] = None,
+    count: Annotated[int | None, Option(min=1, help="How many objects; by default those of the sample.")] = None,
+    cores: Annotated[int | None, Option(min=1, help="How many cores; by default this machine's.")] = None,
 ) -> None:
     """Advise settings for a time or for an error.
 
@@ -142,8 +138,8 @@ def advise(
 
 
 def sweep(
-    stage: Annotated[str, typer.Argument(help="A stage that trains.", autocompletion=complete_stage)],
-    grid: Annotated[list[str] | None, typer.Option(help="SETTING=VALUE,VALUE,… to try; without any, the supplement's grid.")] = None,
+    stage: Annotated[str, Argument(help="A stage that trains.", autocompletion=complete_stage)],
+    grid: Annotated[list[str] | None, Option(help="SETTING=VALUE,VALUE,… to try; without any, the supplement's grid.")] = None,
     manifest: options.ManifestOption = "toy",
     preset: options.PresetOption = "draft",
     data: options.DataOption = None,
@@ -152,7 +148,7 @@ def sweep(
     up: options.UpOption = None,
     assignments: options.SetOption = None,
     seed: options.SeedOption = None,
-    dry_run: Annotated[bool, typer.Option(help="List the points, and do nothing.")] = False,
+    dry_run: Annotated[bool, Option(help="List the points, and do nothing.")] = False,
 ) -> None:
     """Train over a grid of hyperparameters.
 

@@ -11,7 +11,6 @@ from typing import Any, Literal
 from pydantic import Field, TypeAdapter, ValidationError
 
 from pipeline.cluster.slurm_jobs import Job, Submission, dependency, script_of
-from pipeline.console import pluralise
 from pipeline.entries import Entries
 from pipeline.errors import StageError, StoreError, first_line
 from pipeline.store.atomic import exclusive_lock, write_atomically
@@ -44,8 +43,7 @@ class SubmittedJob(Entries):
         return folder / f"{self.name}-{task}.log"
 
 
-_JOBS = TypeAdapter(dict[Literal["jobs"], tuple[SubmittedJob, ...]])
-"""The content of the file that lists submitted jobs, the last one per output."""
+_JOBS = TypeAdapter(dict[Literal["jobs"], tuple[SubmittedJob, ...]])  # of the file that lists submitted jobs, the last one per output
 
 
 def slurm_folder(data: Location) -> Path:
@@ -66,10 +64,7 @@ def submit(jobs: Sequence[Job], submission: Submission) -> Iterator[SubmittedJob
         states = task_states(folder, earlier)
         for made in earlier:
             if waiting := sum(states[task][0] in ("pending", "running") for task in made.task_names):
-                raise StageError(
-                    f"{made.output} is being made: job {made.number} has {pluralise(waiting, 'task')} not ended yet; wait for it, "
-                    f"or end it with `scancel {made.number}`"
-                )
+                raise StageError(f"job {made.number} makes {made.output}, tasks left: {waiting}; wait, or `scancel {made.number}`")
         ids: dict[str, str] = {}
         for job in jobs:
             path = folder / f"{job.name}.sh"

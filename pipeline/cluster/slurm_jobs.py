@@ -24,9 +24,7 @@ def _require_text(value: Any) -> Any:
 
 def _require_one_line(line: str) -> str:
     if not line.isprintable():
-        raise ValueError(
-            f"{line!r} is not a single line of printable text, as a job's script needs; remove control characters and line breaks"
-        )
+        raise ValueError(f"{line!r} is not one line of printable text, as a job's script needs; remove control characters and line breaks")
     return line
 
 

@@ -169,9 +169,7 @@ class ShapeNet(FolderSource):
     meshes: str = Field(".", description="Folder of the synsets, from the folder given.")
     renderings: str | None = Field(None, description="Folder of the renderings' synsets, from the folder given.")
     classes_may_be_missing: bool = Field(False, description="Whether a synset without a folder is skipped.")
-    synsets: dict[str, Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]] = Field(
-        min_length=1, description="The synset of each category."
-    )
+    synsets: dict[str, Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]] = Field(min_length=1, description="Synset of each category.")
     counts: dict[str, int] | None = Field(None, description="How many models each category must have; by default, any number.")
 
     @model_validator(mode="after")

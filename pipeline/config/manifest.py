@@ -23,8 +23,7 @@ from pipeline.formats.file_units import METRES
 
 SPLITS = ("train", "valid", "test")
 TOTAL = "all"  # what tables call all categories together
-OBJECT_ID = re.compile(r"(?!\.|zarr\.json$)[A-Za-z0-9._-]{1,120}")
-"""What names an object: it also names files and Zarr groups, where `zarr.json` is taken."""
+OBJECT_ID = re.compile(r"(?!\.|zarr\.json$)[A-Za-z0-9._-]{1,120}")  # it also names files, and Zarr groups, where `zarr.json` is taken
 
 
 class Splits(Entries):
@@ -46,9 +45,7 @@ class Splits(Entries):
     @model_validator(mode="after")
     def _sum(self) -> "Splits":
         if not self.are_counts and abs(self._total - 1) > 1e-9:
-            raise ValueError(
-                f"{self.train:g} + {self.valid:g} + {self.test:g} = {self._total:g}; shares must sum to 1, counts be whole numbers"
-            )
+            raise ValueError(f"{self.train:g} + {self.valid:g} + {self.test:g} = {self._total:g}; shares sum to 1, counts are whole")
         return self
 
 
@@ -82,8 +79,7 @@ class Manifest(Entries):
     name: Annotated[str, AfterValidator(without_controls)] = Field(description="Of the dataset, recorded in it.")
     description: str = Field(description="For readers: which objects these are.")
     seed: int = Field(
-        ge=0,
-        description="Seed of the splits and of all random choices per object; `--seed` replaces it for the objects, not for the splits.",
+        ge=0, description="Seed of the splits and of all random choices per object; `--seed` replaces it for the objects, not the splits."
     )
     splits: Splits = Field(description="How many objects are for what, without those whose source states its split.")
     sources: tuple[Annotated[SerializeAsAny[Source], PlainValidator(_of_its_kind)], ...] = Field(
@@ -116,9 +112,7 @@ class Manifest(Entries):
         if not files:
             raise InvalidInput(f"manifest {self.name} names no mesh files, so units and an up-axis mean nothing; leave them out")
         if units is not None and all(source.metres_per_unit is not None for source in files):
-            raise InvalidInput(
-                f"every source of manifest {self.name} states its metres_per_unit; leave --units {units} out, or correct the manifest"
-            )
+            raise InvalidInput(f"all sources of manifest {self.name} state metres_per_unit; leave --units {units} out, or correct it")
         metres = METRES[units] if units else None
         return self._with(MeshSource, lambda source: {"metres_per_unit": source.metres_per_unit or metres, "up": up or source.up})
 
@@ -144,9 +138,7 @@ class Manifest(Entries):
             )
         if len(takers) > 1:
             remedy = "state the `path` of all but one" if takers[0].path is None else "each states its `path`, so leave --objects out"
-            raise InvalidInput(
-                f"{len(takers)} sources of manifest {self.name} take a folder, and --objects (make: OBJECTS=) names one: {remedy}"
-            )
+            raise InvalidInput(f"{len(takers)} sources of {self.name} take a folder, and --objects (make: OBJECTS=) names one: {remedy}")
         return [(source, root if source is takers[0] else None) for source in self.sources]
 
     def _splits_of(self, objects: Sequence[Object]) -> dict[str, str]:
@@ -195,9 +187,7 @@ def _check_names(objects: Sequence[Object]) -> None:
     for one, other in pairwise(objects):
         if one.object_id == other.object_id:
             origins = " and ".join(str(item.source.get("file", "a procedural one")) for item in (one, other))
-            raise InvalidInput(
-                f"two objects are called {one.object_id}: {origins}; rename a file, or let one procedural source make the class"
-            )
+            raise InvalidInput(f"two objects are called {one.object_id}: {origins}; rename a file, or let one procedural source make both")
 
 
 def load_manifest(name_or_path: str) -> Manifest:

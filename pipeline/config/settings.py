@@ -6,7 +6,7 @@ error), or changes speed alone.
 
 import json
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, partial
 from importlib import import_module, resources
 from typing import Any, ClassVar, Literal
 
@@ -40,6 +40,9 @@ def setting(default: Any, reason: str, *, changes: Change = "results", **limits:
     return Field(default, description=reason, json_schema_extra={"changes": changes}, **limits)
 
 
+defining = partial(setting, changes="definition")
+
+
 def value_text(value: Any) -> str:
     """Write a setting's value as `--set` takes it."""
     return json.dumps(value, ensure_ascii=False, default=str).replace('"', "")
@@ -67,10 +70,7 @@ class ObjectSettings(Settings):
     """The settings of every stage over objects."""
 
     object_seconds: int = setting(
-        3600,
-        "a worker that takes longer for one object is ended, and after the second time the object has failed: some meshes never end",
-        ge=1,
-        changes="speed",
+        3600, "a worker that takes longer is ended, the second time its object fails: some meshes never end", ge=1, changes="speed"
     )
 
 

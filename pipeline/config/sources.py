@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from importlib import resources
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from pipeline import plugins
 from pipeline.console import CONTROLS
-from pipeline.entries import Entries
+from pipeline.entries import Entries, Range
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import read_file
 from pipeline.formats.file_units import GREATEST_UNIT, LEAST_UNIT, stated_units
@@ -23,9 +23,8 @@ from pipeline.formats.mesh_companions import MAX_BYTES, Companions
 if TYPE_CHECKING:
     from pipeline.kernels.geometry.mesh import Mesh
 
-NOT_UTF8 = re.compile("[\ud800-\udfff]")
-"""Characters that Python writes for bytes of a file's name that are not UTF-8 (`surrogateescape`)."""
-LEAST_DIAGONAL, MOST_DIAGONAL = 1e-3, 100.0  # m
+NOT_UTF8 = re.compile("[\ud800-\udfff]")  # characters that Python writes for bytes of a file's name that are not UTF-8 (`surrogateescape`)
+Diagonal = Annotated[float, Field(ge=1e-3, le=100)]  # m
 MAX_OBJECTS = 200_000  # most objects of a source: listing them takes a second, and memory, before anything else is done
 
 
@@ -44,31 +43,16 @@ class Source(Entries):
 
     kind: str = Field(description="Which kind of source it is, of those below or of a package that declares it.")
     licence: str = Field(min_length=1, description="Of the meshes; recorded with every object.")
-    sha256: str | None = Field(
-        None,
-        pattern="[0-9a-f]{64}",
-        description="Checksum of all mesh files together, where they are known beforehand; if theirs is another, the error states it.",
-    )
+    sha256: str | None = Field(None, pattern="[0-9a-f]{64}", description="Checksum of all mesh files together; the error states another.")
     split: Literal["train", "valid", "test"] | None = Field(
         None, description="Of all its objects, instead of one that is drawn for each: `test` for a source that no network is to learn from."
     )
-    diagonals: tuple[float, float] | None = Field(
+    diagonals: Range[Diagonal] | None = Field(
         None,
         description="m, least and most bounding-box diagonal, for example [0.06, 0.2]. An object whose real size is known and lies between "
         "them keeps it; others are scaled to a size drawn between them.",
     )
-    url: str | None = Field(
-        None,
-        pattern="^https?://[!-~]{1,1000}$",
-        description="Address from which its files can be downloaded by whoever makes the dataset again from its recipe.",
-    )
-
-    @field_validator("diagonals")
-    @classmethod
-    def _in_order(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
-        if value is not None and not LEAST_DIAGONAL <= value[0] <= value[1] <= MOST_DIAGONAL:
-            raise ValueError(f"must be two lengths from {LEAST_DIAGONAL:g} to {MOST_DIAGONAL:g} m, the smaller one first")
-        return value
+    url: str | None = Field(None, pattern="^https?://[!-~]{1,1000}$", description="Address of its files, for remakes from its recipe.")
 
     @abstractmethod
     def list_objects(self, root: Path | None) -> Iterator[Object]:

@@ -64,6 +64,4 @@ def dataset_scene(attributes: Mapping[str, Any]) -> Scene:
         return Scene.model_validate(attributes.get("scene"))
     except ValidationError as error:
         faults = invalid_entries(error)
-        raise StoreError(
-            f"the scene that `vision` records cannot be used ({faults}); delete `vision` and run render-vision again"
-        ) from error
+        raise StoreError(f"the scene in `vision` cannot be used ({faults}); delete `vision` and run render-vision again") from error

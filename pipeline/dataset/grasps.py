@@ -15,8 +15,7 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.directory import Collection
 from pipeline.store.rows import Row
 
-ATTRIBUTES = ("hand_pose", "pregrasp_angles", "joint_angles", "squeeze_angles", "sensor_pose")
-"""Attributes of a grasp that are arrays of the same name."""
+ATTRIBUTES = ("hand_pose", "pregrasp_angles", "joint_angles", "squeeze_angles", "sensor_pose")  # of a grasp: arrays of the same name
 CONTACT = ("contact_point", "contact_normal", "contact_area")
 
 

@@ -23,14 +23,11 @@ from schemas.catalogue import artifact_of
 from schemas.charts import FITTED
 from schemas.surfaces import SURFACES
 
-CACHE_MEGABYTES = 256.0
-"""Size of the cache of decoded arrays: a small dataset is read once, a large one streams through."""
+CACHE_MEGABYTES = 256.0  # size of the cache of decoded arrays: a small dataset is read once, a large one streams through
 
-POINTS = ("local_points", "local_count")
-"""Arrays that need not be stored: they are computed from depth and sensor pose, equal to the bit."""
+POINTS = ("local_points", "local_count")  # arrays that need not be stored: they are computed from depth and sensor pose, equal to the bit
 
-DIFFERENCE = "difference"
-"""An array that is not stored: the tactile image minus that of the untouched sensor, (grasp, sensor, row, col, rgb) int16, levels."""
+DIFFERENCE = "difference"  # not stored: the tactile image minus that of the untouched sensor, (grasp, sensor, row, col, rgb) int16
 
 DERIVED = {**dict.fromkeys(POINTS, ("depth", "sensor_pose")), DIFFERENCE: ("tactile_image", "untouched")}
 """Arrays that are derived on reading, and the stored arrays that they need."""

@@ -18,8 +18,7 @@ VISION_COLORS: tuple[Opaque, ...] = ((150, 170, 190, 255), (120, 145, 170, 255),
 TOUCH_COLOR: Opaque = (230, 159, 0, 255)
 MISS, BEYOND = np.array([250, 250, 250]), (np.array([205, 205, 210]), np.array([238, 238, 240]))
 """Where a depth map meets nothing; and, near to far, where it meets something beyond the gel."""
-Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
-"""From the world, z up, to glTF's frame, y up."""
+Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # from the world, z up, to glTF's frame, y up
 
 
 def finger_colors(count: int) -> list[Color]:

@@ -40,9 +40,7 @@ def contact_sheets(data: Location, max_objects: int) -> list[Location]:
     """Draw the best grasp of at most `max_objects` objects, spread over the dataset; return the sheets' paths."""
     source = CompletedObjects(data, SHOWN)
     object_ids = spread_evenly(source.object_ids, max_objects)
-    return _drawn(
-        source, object_ids, "contact-sheet.key", lambda folder: draw_contact_sheet(source, object_ids, folder / "contact-sheet.png")
-    )
+    return _drawn(source, object_ids, "contact-sheet.key", lambda out: draw_contact_sheet(source, object_ids, out / "contact-sheet.png"))
 
 
 def sequence_animations(data: Location) -> list[Location]:

@@ -30,8 +30,7 @@ STRIDE = 3  # every `STRIDE`-th pixel of a sensor becomes a vertex of its patch
 SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))  # the corners of a gel, in half sides
 LINE, RIM, FINE = 1.5, 2.5, 4
 """Width of a square's outline and of the white rim under it, pixels; Pillow draws no smooth lines: `FINE` times as large, then averaged."""
-LIFT = 4e-4
-"""Distance of a patch in front of the surface it marks, m: it stays visible over a coarse mesh between its vertices."""
+LIFT = 4e-4  # distance of a patch in front of the surface it marks, m: it stays visible over a coarse mesh between its vertices
 
 
 class GraspPictures:

@@ -24,8 +24,7 @@ from pipeline.kernels.touch.sensor import Sensor
 
 OBJECT_FACES, LINK_FACES, PATCH_FACES = 6000, 80, 200
 """Most faces of an object, of each shape of a hand and of a touched patch in a small scene: as many as a screen shows."""
-TEXTURED_FACES = 20_000
-"""Most faces with which an object keeps its texture in a small scene; one with more gets the texture's colours at its vertices."""
+TEXTURED_FACES = 20_000  # most faces with which an object keeps its texture in a small scene; others get colours of vertices
 GRID = 2.0**-15  # m to which coordinates are rounded in a small scene: 30 µm, which halves compressed files
 TEXTURE = 512  # pixels along the longest side of a texture in a small scene, which is written as WebP
 Scene = Any  # a `trimesh.Scene`, whose methods have no types

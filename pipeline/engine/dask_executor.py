@@ -39,9 +39,7 @@ class Dask(Executor):
             get_backend(protocol)
             parse_host_port(address)
             if protocol == "tls" and not Security().get_connection_args("client").get("ssl_context"):
-                raise StageError(
-                    f"{self.scheduler} asks for certificates, and Dask's configuration names none; see docs/guide/speed-and-accuracy.md"
-                )
+                raise StageError(f"{self.scheduler} wants certificates, Dask's settings name none; see docs/guide/speed-and-accuracy.md")
             client = Client(self.scheduler, set_as_default=False, timeout=CONNECT_SECONDS)
             client.wait_for_workers(1, timeout=JOIN_SECONDS)
         except (OSError, ValueError) as error:

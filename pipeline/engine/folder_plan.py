@@ -22,8 +22,7 @@ from pipeline.store.storage import files_below, list_folder, remove
 from pipeline.store.temporary import local_copy
 from pipeline.store.validate import check_origins
 
-_WORK = re.compile("[0-9a-f]{16}")
-"""Names of work folders; another name may be part of a longer one, such as models/gcn/touch."""
+_WORK = re.compile("[0-9a-f]{16}")  # names of work folders; another name may be part of a longer one, such as models/gcn/touch
 
 
 class FolderPlan(Plan):

@@ -18,8 +18,7 @@ OURS = ("pipeline", "stages", "schemas")
 NO_RESULTS = ("pipeline.cli", "pipeline.console", "pipeline.engine", "pipeline.errors", "pipeline.plugins", "pipeline.store")
 """Layers that no result depends on. Every other layer counts, also a new one."""
 
-PARSED = Path(util.cache_from_source(__file__)).with_name("sources.pickle")
-"""What parsed source files are kept in, beside the compiled ones."""
+PARSED = Path(util.cache_from_source(__file__)).with_name("sources.pickle")  # where parsed source files are kept, beside compiled ones
 WRITTEN_BY = stamps_of([Path(__file__)])
 
 RANDOM_STREAMS = "pipeline.rng"

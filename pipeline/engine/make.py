@@ -59,8 +59,6 @@ def shard_numbers(request: Request[Any], shard: int | None) -> Sequence[int]:
         raise StoreError(f"there is no shard {shard} of {shards}: shards are numbered 0 to {shards - 1}")
     object_shard = None if request.only is None else shard_of(request.only, shards)
     if None not in (shard, object_shard) and shard != object_shard:
-        raise StoreError(
-            f"object {request.only} is in shard {object_shard} of {shards}, shard {shard} was asked for; leave one of them out"
-        )
+        raise StoreError(f"object {request.only} is in shard {object_shard} of {shards}, shard {shard} was asked for; leave one out")
     selected = object_shard if shard is None else shard
     return range(shards) if selected is None else [selected]

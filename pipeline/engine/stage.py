@@ -47,8 +47,7 @@ class Cost:
     kilobytes: float
 
 
-Inputs = Mapping[str, RowView]
-"""An object's rows of a stage's inputs, by artifact; `attributes` of each are those of its shard's root."""
+Inputs = Mapping[str, RowView]  # an object's rows of a stage's inputs, by artifact; `attributes` of each are those of its shard's root
 
 
 class Stage(ABC):

@@ -20,9 +20,7 @@ from pipeline.errors import StageError
 from pipeline.store.rows import Result
 from pipeline.store.temporary import environment, temporary_folder
 
-TRIES = 2
-"""Attempts per object: a process that dies may have been killed from outside; if it dies again, the object has failed."""
-
+TRIES = 2  # attempts per object: a process that dies may have been killed from outside; if it dies again, the object has failed
 CLOSE_SECONDS = 10.0  # time limit for a worker to close its session
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # environment of workers: each has a core
 
@@ -95,9 +93,7 @@ class WorkerProcesses(Executor):
         try:
             return _Worker(self._folder)
         except OSError as error:
-            raise StageError(
-                f"worker processes cannot be started ({error}); run again, with fewer --workers, or with --executor serial"
-            ) from error
+            raise StageError(f"worker processes cannot start ({error}); run again with fewer --workers, or --executor serial") from error
 
     def _end_busy(self) -> None:
         for worker in self._busy:

@@ -32,17 +32,15 @@ from pipeline.kernels.geometry.transforms import compose, sin_cos
 
 Fill = tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None]  # colour (4,) and texture
 SURFACES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
-UNREAD_SHAPES = {
+UNREAD_SHAPES = {  # elements that change the shape and are not read
     "instance_controller": "a skin or a morph (instance_controller)",
     "skew": "a skewed node",
     "lookat": "a node that looks at a point",
     "ph": "polygons with holes",
     "brep": "curved surfaces (brep)",
 }
-"""Elements that change the shape and are not read."""
 SHADERS = ("phong", "lambert", "blinn", "constant")
-LUMINANCE = np.array([0.212671, 0.71516, 0.072169])
-"""Of linear red, green and blue, as COLLADA 1.4.1 weighs them for RGB_ZERO."""
+LUMINANCE = np.array([0.212671, 0.71516, 0.072169])  # of linear red, green and blue, as COLLADA 1.4.1 weighs them for RGB_ZERO
 
 
 def read_collada(file: Companions, textures: Textures) -> Iterator[Mesh]:

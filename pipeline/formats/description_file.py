@@ -149,9 +149,7 @@ def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
         value = "" if item["type"] == "value_error" else _quoted_value(item["input"])  # our own messages state the value
         name = ".".join(str(part) for part in location if part != "[key]" and not UNION_MEMBER.fullmatch(str(part)))
         lines.setdefault(name, []).append(_describe(item["type"], name, item["msg"], guesses.get(location), value))
-    return "; ".join(
-        ", or ".join([first, *(line.removeprefix(f"{name}: ") for line in others)]) for name, (first, *others) in lines.items()
-    )
+    return "; ".join(", or ".join([first, *(line.removeprefix(f"{name}: ") for line in rest)]) for name, (first, *rest) in lines.items())
 
 
 def _quoted_value(value: object) -> str:

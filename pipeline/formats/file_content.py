@@ -11,25 +11,23 @@ from xml.parsers import expat
 
 from pipeline.errors import InvalidInput
 
-MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".dae", ".3mf")
-"""Formats of mesh files that are read; archives are not among them."""
+MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".dae", ".3mf")  # formats of mesh files that are read; no archives
 MAX_POINTER = 1024  # size that a Git LFS pointer stays below (its specification, version 1)
 POINTER_REMEDY = "a Git LFS pointer; run `git lfs pull`"
 HEAD_BYTES = 4096  # bytes within which foreign content shows what it is
 POINTER = re.compile(rb"version (https://(git-lfs|hawser)\.github\.com/spec/v|http://git-media\.io/v/)\d")
 """How a Git LFS pointer begins, also one of the first versions."""
-MARKS = {
+MARKS = {  # byte-order marks and the encodings that they announce; UTF-32 before UTF-16, which has the same first bytes
     b"\xef\xbb\xbf": "utf-8",
     b"\xff\xfe\0\0": "utf-32-le",
     b"\0\0\xfe\xff": "utf-32-be",
     b"\xff\xfe": "utf-16-le",
     b"\xfe\xff": "utf-16-be",
 }
-"""Byte-order marks and the encodings that they announce; UTF-32 before UTF-16, which has the same first bytes."""
 XML_ENCODING = re.compile(r"""^(\s*<\?xml\b[^>]*?)\s+encoding\s*=\s*["'][^"']*["']""")
 PROLOGUE = rb"\s*+(<\?xml[^>]*>\s*+)?(?><!--.*?-->\s*+)*+"
 """Text that may precede the first element of XML or HTML. Possessive: backtracking in a long comment would need much memory."""
-FOREIGN = {
+FOREIGN = {  # contents that stand in the place of other files, by a pattern of their beginning: what each is, and the remedy
     PROLOGUE + rb"<((?i:!doctype\s+html|html|head|body)\b)": "a web page (HTML); download the file itself",
     PROLOGUE + rb"(<!DOCTYPE svg[^>]*>\s*)?<svg\b": "an SVG drawing; convert it to PNG",
     rb"\s*(40[134]: |Entry not found|\{\s*\"(message|error)\"\s*:)|"
@@ -49,7 +47,6 @@ FOREIGN = {
     rb"BLENDER": "a Blender file; export the mesh as GLB",
     rb"ISO-10303-21": "a STEP file; export the mesh as STL",
 }
-"""Contents that stand in the place of other files, by a pattern of their beginning: what each is, and the remedy."""
 
 
 def expanded(path: Path | str) -> Path:

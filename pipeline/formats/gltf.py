@@ -19,11 +19,9 @@ MAX_ENTRIES = 1_000_000  # maximum number of commas and opening brackets in the 
 MAX_ROWS = 6_000_000  # maximum number of rows of an accessor: the corners of two million triangles
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 """The types of an accessor's components (glTF 2.0, section 3.6.2.2)."""
-WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-"""The numbers of components of the types of accessors that a mesh uses."""
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}  # the numbers of components of the types of accessors that a mesh uses
 TRIANGLES, STRIP, _ = SURFACES = (4, 5, 6)  # modes of primitives that are surfaces; others are points and lines
-COMPRESSION = re.compile("compress", re.IGNORECASE)
-"""Extensions that encode arrays; each array or primitive says whether it is encoded."""
+COMPRESSION = re.compile("compress", re.IGNORECASE)  # extensions that encode arrays; each array or primitive says whether it is encoded
 SAME_SHAPE = re.compile(
     "KHR_mesh_quantization|EXT_mesh_gpu_instancing|KHR_node_visibility|material|texture|light|metadata|features|xmp|anim|MSFT_lod",
     re.IGNORECASE,

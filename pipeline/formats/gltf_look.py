@@ -19,16 +19,13 @@ from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Look
 from pipeline.kernels.geometry.transforms import sin_cos
 
-BLACK = 0.01
-"""Linear light up to which a base colour is black: such a material shows the light that it emits, if there is any."""
-DIELECTRIC = 0.04
-"""Part of the light that a surface reflects, whatever its colour, unless it is a metal, whose colour that is."""
+BLACK = 0.01  # linear light up to which a base colour is black: such a material shows the light that it emits, if there is any
+DIELECTRIC = 0.04  # part of the light that a surface reflects, whatever its colour, unless it is a metal, whose colour that is
 WHITE_LIGHT = (1, 1, 1, 1)  # the factor of a colour where a material states none
 Wrap = Literal["clamp", "mirror"]
 STEPS = 8  # parts of its size by which a clamped texture is extended, so that parts of a mesh share the result
 MAX_PIXELS = 2**24  # maximum number of pixels of a texture that is extended: one of 4096 × 4096
-WRAPS: dict[Any, Wrap] = {33071: "clamp", 33648: "mirror"}
-"""The values of a sampler's `wrapS` and `wrapT`; others repeat."""
+WRAPS: dict[Any, Wrap] = {33071: "clamp", 33648: "mirror"}  # the values of a sampler's `wrapS` and `wrapT`; others repeat
 
 
 class Looks:

@@ -69,9 +69,7 @@ class _FingerEntry(Entries):
     """A finger: joints that move it, and its sensors. Fingers whose joints follow one motor move together."""
 
     name: Label = Field(description="Name of the finger in messages, and of its sensor.")
-    joints: list[str] = Field(
-        min_length=1, description="Joints of the model that move it, and no other finger; names such as 0 or yes in quotes."
-    )
+    joints: list[str] = Field(min_length=1, description="Joints that move it, and no other finger; names such as 0 or yes in quotes.")
     sensor: _SensorMount | None = Field(None, description="Its sensor, if it has one.")
     sensors: list[_SensorMount] = Field([], description="Several, instead of `sensor`.")
 
@@ -86,9 +84,7 @@ class _PalmEntry(Entries):
 
     link: str = Field(description="Link of the model that the fingers grow from; an arm or a floating base above it is ignored.")
     facing: Direction = Field(description="The palm's outward normal, towards where objects are grasped.")
-    centre: Vector = Field(
-        description="The point that is set 5 to 60 mm from an object, m; for a hand with long fingers, a point between them."
-    )
+    centre: Vector = Field(description="The point that is set 5 to 60 mm from an object, m; with long fingers, a point between them.")
     sensors: list[_SensorMount] = Field([], description="Sensors on links that no finger moves.")
 
 
@@ -108,8 +104,7 @@ class HandFile(Entries):
         [], description="Pairs of links that may overlap. Neighbours that overlap at rest, and pairs that an MJCF excludes, need no entry."
     )
     convex_parts: dict[str, Annotated[int, Field(ge=1, le=32)]] = Field(
-        {},
-        description="Hollow or bent links, each of whose meshes is cut into this many slabs; other meshes become one convex hull.",
+        {}, description="Hollow or bent links, each of whose meshes is cut into this many slabs; other meshes become one convex hull."
     )
     torque: float | None = Field(
         None,
@@ -118,12 +113,7 @@ class HandFile(Entries):
         description=f"Maximum torque of the motors, N m (N for a joint that slides); by default {TORQUE}, or less if an MJCF's are weaker. "
         "Fingers close on elastic gels until these ask it of one motor.",
     )
-    friction: float = Field(
-        0.5,
-        ge=0,
-        le=100,
-        description="Friction coefficient of the hand against the object; while fingers close around the fixed object, half of it counts.",
-    )
+    friction: float = Field(0.5, ge=0, le=100, description="Friction coefficient of hand and object; half of it while fingers close.")
 
     @property
     def mounts(self) -> Iterator[tuple[_FingerEntry | None, str, _SensorMount]]:

@@ -23,16 +23,13 @@ from pipeline.formats.obj_materials import OPTIONS, Material, read_library
 
 MAX_BYTES = 256 * 2**20  # maximum size of a mesh file, and of all files that it names together
 MAX_NAMES = 1000  # maximum number of file names in a mesh file
-WIDE_SOLID = re.compile(rb"(\xff\xfe|(\0\0)?\xfe\xff)\0*s\0+o\0+l\0+i\0+d", re.IGNORECASE)
-"""How the text of an STL begins in UTF-16 and UTF-32."""
-LIBRARY = re.compile(rb"(?:^|\r)[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
-"""A line of an OBJ that names material libraries."""
+WIDE_SOLID = re.compile(rb"(\xff\xfe|(\0\0)?\xfe\xff)\0*s\0+o\0+l\0+i\0+d", re.IGNORECASE)  # how an STL of text begins in UTF-16 and -32
+LIBRARY = re.compile(rb"(?:^|\r)[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)  # a line of an OBJ that names materials
 IMAGE = re.compile(rb"<image\b[^>]*>(?:(?!</?image\b).)*?<init_from>([^<]*)</init_from>", re.DOTALL)
 """An image of a COLLADA file, with its file. Surfaces contain `init_from` too, but with the id of an image."""
 SEARCHED_SUFFIXES = {".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tga", ".tif", ".tiff", ".webp", ".dds", ".ppm", ".pcx"}
 """Suffixes of files that are searched for. A glTF's buffer is not: another one would be another shape."""
-MAX_ENTRIES = 200_000
-"""Maximum number of files and folders below a folder that is searched; a larger one is not searched."""
+MAX_ENTRIES = 200_000  # maximum number of files and folders below a folder that is searched; a larger one is not searched
 CACHE_SECONDS = 60  # how long a listing is used: thousands of meshes may lack their textures
 
 

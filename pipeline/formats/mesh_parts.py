@@ -14,12 +14,10 @@ from pipeline.kernels.arrays import Array, Floats, Integers, Mask
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.geometry.transforms import transform_points, unit_vectors
 
-MAX_UV = 2.0**20
-"""Repeats of a texture beyond which float32 cannot tell its pixels apart: such coordinates are damaged, and become 0."""
+MAX_UV = 2.0**20  # repeats of a texture beyond which float32 cannot tell its pixels apart: such coordinates are damaged, and become 0
 GREY = (178, 178, 178, 255)  # the colour of faces without a material, as 3D Warehouse's default material
 OPAQUE_WHITE = (255, 255, 255, 255)
-MAX_FACES = 2_000_000
-"""Maximum number of faces of a mesh file, and a third of that of vertices. More would take gigabytes, whatever `max_faces` allows."""
+MAX_FACES = 2_000_000  # of a mesh file, and a third of its vertices; more would take gigabytes, whatever `max_faces` allows
 MAX_INSTANCES = 100_000  # maximum number of nodes or components of a scene, counted each time that they are used
 MAX_DEPTH = 100  # maximum depth of nodes or components within others
 TURN = 1e-6  # sine of the turn at a corner, against the polygon's sense, from which it counts as concave

@@ -22,14 +22,12 @@ from typing import IO, Any
 from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.geometry.mesh import Mesh
 
-BYTES = 5 * 2**28
-"""Memory that reading a file may take: a COLLADA file of a million faces takes 1.1 GB, other formats less."""
+BYTES = 5 * 2**28  # memory that reading a file may take: a COLLADA file of a million faces takes 1.1 GB, other formats less
 SECONDS = 60  # processor time that reading a file may take: a million faces take 7 s at most
 REMEDY = "decimate the mesh, name each part once, or write it as binary PLY"
 START = "from pipeline.formats.mesh_reader import serve; serve()"  # the program of the process
 _lock = threading.Lock()
-_readers: dict[int, subprocess.Popen[bytes]] = {}
-"""The reader of each process that has one, by its number: a fork of it starts its own."""
+_readers: dict[int, subprocess.Popen[bytes]] = {}  # the reader of each process that has one, by its number: a fork of it starts its own
 
 
 def load_mesh(file: Path, root: Path | None = None) -> Mesh:

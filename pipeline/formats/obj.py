@@ -95,9 +95,7 @@ def _absolute(corners: bytes, vertices: int, coordinates: int) -> bytes:
             for part, before in zip(corner.split(b"/"), (vertices, coordinates), strict=False)
         ]
         if parts[0][:1] == b"-" or int(parts[0]) < 1:
-            raise InvalidInput(
-                f"a face has relative index {corner.decode().partition('/')[0]}, before the first vertex; the file is damaged"
-            )
+            raise InvalidInput(f"a face has relative index {corner.decode().partition('/')[0]}, before the first vertex; it is damaged")
         written.append(b"/".join(parts))
     return b" ".join(written)
 

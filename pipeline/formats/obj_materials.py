@@ -11,13 +11,11 @@ from pipeline.formats.file_content import decode_text, foreign_content, without_
 from pipeline.formats.mesh_parts import GREY, OPAQUE_WHITE
 from pipeline.formats.textures import Textures
 
-OPTIONS = re.compile(r"(-[a-zA-Z_]+\s+((on|off|[lmrgbz]|-?[\d.]+)\s+)*)+(?=\S)")
-"""What may stand before the name of a texture, as `-s 1 1 1`."""
+OPTIONS = re.compile(r"(-[a-zA-Z_]+\s+((on|off|[lmrgbz]|-?[\d.]+)\s+)*)+(?=\S)")  # what may precede the name of a texture, as `-s 1 1 1`
 MOVED = re.compile(r"-[sot](\s+-?\.?\d[\d.]*)+")  # options that scale, move or disturb texture coordinates
 STILL = re.compile(r"-s(\s+1(\.0*)?)+|-[ot](\s+-?\.?0[0.]*)+")  # those that leave them as they are
 CLAMP = re.compile(r"-clamp\s+on\b")
-Material = dict[str, str]
-"""The statements of a material by their words in lower case; those of numbers hold as many finite ones as they need."""
+Material = dict[str, str]  # statements by their words in lower case; those of numbers hold as many finite ones as they need
 
 
 def read_library(

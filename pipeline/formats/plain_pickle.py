@@ -17,14 +17,12 @@ import numpy as np
 
 from pipeline.errors import InvalidInput
 
-MAX_STEPS = 2_000_000
-"""Opcodes that are followed, 200 bytes of memory each at most: 5,000 grasps of DexGraspNet have 400,000."""
+MAX_STEPS = 2_000_000  # opcodes that are followed, 200 bytes of memory each at most: 5,000 grasps of DexGraspNet have 400,000
 MAX_DIMS = 32  # of an array: the product of many large sizes would take hours
-OPCODES = re.compile(
+OPCODES = re.compile(  # those that `numpy.save` writes for plain values and arrays
     "PROTO|FRAME|STOP|MARK|NONE|NEWTRUE|NEWFALSE|BININT[12]?|LONG[14]|BINFLOAT|(SHORT_)?BIN(UNICODE|BYTES)|BIN(UNICODE|BYTES)8"
     "|(EMPTY_)?TUPLE|TUPLE[123]|EMPTY_(LIST|DICT)|APPENDS?|SETITEMS?|(LONG_)?BIN(PUT|GET)|MEMOIZE|(STACK_)?GLOBAL|REDUCE|BUILD"
 )
-"""Those that `numpy.save` writes for plain values and arrays."""
 NAMES = {"numpy": ("ndarray", "dtype")} | dict.fromkeys(("numpy.core.multiarray", "numpy._core.multiarray"), ("_reconstruct", "scalar"))
 """What a pickle may name, by module, of NumPy 1 and 2; its text stands for it."""
 DTYPES = re.compile(r"b1|[iu][1248]|f[248]|U[1-9][0-9]{0,3}|O8?")

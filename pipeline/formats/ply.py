@@ -19,11 +19,10 @@ from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import unit_vectors
 
-COLORS = [
+COLORS = [  # names of the properties of a colour, the last of which may be missing
     tuple(prefix + channel for channel in channels)
     for prefix, channels in product(("", "diffuse_"), (("red", "green", "blue", "alpha"), ("r", "g", "b", "a")))
 ]
-"""Names of the properties of a colour, the last of which may be missing."""
 COLOR_LIKE = re.compile(r"(?!ambient|specular|emissive).*(?:red|green|blue|colou?r|rgb)|intensity$|gr[ae]y$|material_index$")
 """Names of properties that look like a colour."""
 COORDINATES = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))  # names of the texture coordinates of a vertex

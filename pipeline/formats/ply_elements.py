@@ -12,13 +12,12 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import decode_text
 from pipeline.formats.mesh_parts import MAX_FACES, check_count, read_numbers
 
-TYPES = {
+TYPES = {  # NumPy's types by their names in a PLY file, old and new
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4", "double": "f8"},
     **{f"int{bits}": f"i{bits // 8}" for bits in (8, 16, 32, 64)},
     **{f"uint{bits}": f"u{bits // 8}" for bits in (8, 16, 32, 64)},
     **{f"float{bits}": f"f{bits // 8}" for bits in (16, 32, 64)},
 }
-"""NumPy's types by their names in a PLY file, old and new."""
 HEADER = re.compile(rb"\s*ply[ \t]*[\r\n].*?[\r\n]end_header[ \t]*(?:\r\n|\n|\r)", re.DOTALL)
 
 
@@ -171,6 +170,4 @@ def _list_sizes(element: Element, source: _Source, start: int, rows: int) -> dic
 
 
 def _cut_off(element: Element, source: _Source) -> InvalidInput:
-    return InvalidInput(
-        f"its {element.length} rows of {element.name} need more than the {source.length} {source.unit} that follow; it is cut off"
-    )
+    return InvalidInput(f"its {element.length} rows of {element.name} need more than the {source.length} {source.unit} left; it is cut off")

@@ -62,8 +62,5 @@ def load_worn_sensors(names: Sequence[str]) -> tuple[Sensor, ...]:
         raise InvalidInput(f"the sensors of one hand need the same rows and columns of pixels, but {listed}; change them in copies")
     if len({sensor.gel is None for sensor in sensors.values()}) > 1:
         soft, hard = (", ".join(name for name, sensor in sensors.items() if (sensor.gel is None) == rigid) for rigid in (False, True))
-        raise InvalidInput(
-            f"an elastic gel gives pressure and force, which {soft} would have and {hard} not; "
-            "give all sensors of the hand a `gel`, or none"
-        )
+        raise InvalidInput(f"an elastic gel gives pressure and force, of {soft} but not of {hard}; give all sensors a `gel`, or none")
     return tuple(map(sensors.__getitem__, names))

@@ -34,10 +34,7 @@ def _read_binary(content: bytes, unread: list[str]) -> Floats:
     count = int.from_bytes(content[80:HEAD], "little")
     whole = HEAD + count * TRIANGLE.itemsize
     if len(content) < max(whole, HEAD):
-        raise InvalidInput(
-            f"it is no text, and as a binary STL it should have {max(whole, HEAD)} bytes for {count} triangles; it has {len(content)}; "
-            "it is cut off, or not an STL"
-        )
+        raise InvalidInput(f"{count} triangles take {max(whole, HEAD)} bytes, it has {len(content)}; it is cut off, or not an STL")
     check_count("faces", count, MAX_FACES, "decimate the mesh")
     if rest := content[whole:]:
         triangles, odd = divmod(len(rest), TRIANGLE.itemsize)
@@ -58,9 +55,7 @@ def _read_text(content: bytes) -> Floats:
     check_count("vertices", len(vertices), 3 * MAX_FACES, "decimate the mesh")
     numbers, loops = read_numbers(b" ".join(vertices)), len(re.findall(rb"\bendloop\b", text, re.IGNORECASE))
     if len(numbers) != 3 * len(vertices) or len(vertices) % 3 or (loops and len(vertices) != 3 * loops):
-        raise InvalidInput(
-            f"{len(numbers)} numbers in {len(vertices)} vertices in {loops} facets are no triangles; it is damaged or cut off"
-        )
+        raise InvalidInput(f"{len(numbers)} numbers in {len(vertices)} vertices in {loops} facets are no triangles; it is damaged")
     if not re.search(rb"\bend[ \t]*solid\b", content[-HEAD * TRIANGLE.itemsize :], re.IGNORECASE):
         raise InvalidInput(f"it ends after {loops} facets without the word endsolid; it is cut off")
     return numbers.reshape(-1, 3, 3)

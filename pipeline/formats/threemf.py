@@ -18,37 +18,23 @@ from numpy.typing import NDArray
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import parse_xml
 from pipeline.formats.mesh_companions import Companions
-from pipeline.formats.mesh_parts import (
-    GREY,
-    MAX_DEPTH,
-    MAX_FACES,
-    MAX_INSTANCES,
-    build_part,
-    check_corners,
-    check_count,
-    posed,
-)
+from pipeline.formats.mesh_parts import GREY, MAX_DEPTH, MAX_FACES, MAX_INSTANCES, build_part, check_corners, check_count, posed
 from pipeline.formats.textures import Textures
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import compose
 
 MAX_ELEMENTS = 1_000_000  # maximum number of elements of a model beside its vertices and triangles
-PART_HEAD_BYTES = 65_536
-"""Bytes within which a COLLADA or 3MF file states its unit: all that is read of it while objects are listed."""
+PART_HEAD_BYTES = 65_536  # bytes within which a COLLADA or 3MF file states its unit: all that is read of it while objects are listed
 MODEL = "3D/3dmodel.model"  # the usual name of the main model
 RELATION, TARGET = re.compile(rb"<[^<>]*Relationship\s[^<>]*>"), re.compile(rb"\sTarget\s*=\s*[\"']([^\"']*)")
-MAIN = re.compile(rb"\sType\s*=\s*[\"'][^\"']*/3dmodel[\"']")
-"""A relation to the main model (Open Packaging Conventions, section 6.5)."""
-PAINT = ("paint_color", "mmu_segmentation")
-"""Attributes of triangles in which slicers store painted colours in a form of their own."""
+MAIN = re.compile(rb"\sType\s*=\s*[\"'][^\"']*/3dmodel[\"']")  # a relation to the main model (Open Packaging Conventions, section 6.5)
+PAINT = ("paint_color", "mmu_segmentation")  # attributes of triangles in which slicers store painted colours in a form of their own
 PROPERTIES = ("pid", "p1", "p2", "p3")
 EXTENSIONS = ("core/", "material/", "production/", "slice/", "trianglesets/")
 """Parts of the names of the extensions that a file may require: those that are read, and two that do not change the mesh."""
-NO_SHAPE = {"support": "a support", "solidsupport": "a support", "other": "a helper that is not built"}
-"""Types of objects that are no part of the shape."""
-COLORS = {"basematerials": "displaycolor", "colorgroup": "color"}
-"""Groups of properties that are colours, and the attribute of each entry that states it."""
+NO_SHAPE = {"support": "a support", "solidsupport": "a support", "other": "a helper that is not built"}  # no part of the shape
+COLORS = {"basematerials": "displaycolor", "colorgroup": "color"}  # groups of colours, and each entry's attribute that states it
 UNREAD = {"compositematerials": "mixtures of materials", "multiproperties": "layers of properties", "texture2dgroup": "textures"}
 """Groups of properties that are not read."""
 SLICER_VOLUMES = {
@@ -57,10 +43,8 @@ SLICER_VOLUMES = {
 }
 """Where PrusaSlicer, and Bambu Studio and its like, state which parts of an object are none of its shape, and their words for these."""
 FILAMENTS = "Metadata/project_settings.config"  # where Bambu Studio and its like state the colours of filaments
-CURA_VOLUMES = ("support_mesh", "anti_overhang_mesh", "cutting_mesh", "infill_mesh")
-"""Cura's settings of an object that is no part of the shape."""
-SETTINGS = ("metadatagroup", "settings")
-"""Elements of an object that hold its settings; the latter is of early versions of Cura."""
+CURA_VOLUMES = ("support_mesh", "anti_overhang_mesh", "cutting_mesh", "infill_mesh")  # Cura's settings of what is no part of the shape
+SETTINGS = ("metadatagroup", "settings")  # elements of an object that hold its settings; the latter is of early versions of Cura
 
 
 @dataclass

@@ -28,8 +28,7 @@ from pipeline.kernels.hand.model import Hand, Inertial, Joint, Link, Mimic, Shap
 MOVING = ("revolute", "continuous", "prismatic")
 BAR_AFTER = 1.0  # seconds of reading meshes after which a progress bar is shown
 MAX_BYTES, MAX_PARTS = 10 * 2**20, 1000  # limits of a URDF file: its size; its number of links, joints and shapes
-UNMARKED = {b"<\0": "utf-16-le", b"\0<": "utf-16-be"}
-"""Encodings by the first bytes of a file without a byte-order mark."""
+UNMARKED = {b"<\0": "utf-16-le", b"\0<": "utf-16-be"}  # encodings by the first bytes of a file without a byte-order mark
 DECLARATION = re.compile(rb"<\?xml\s[^>]*?encoding\s*=\s*[\"']([A-Za-z0-9._:-]+)[\"'][^>]*>")
 
 

@@ -18,8 +18,7 @@ from pipeline.kernels.hand.model import Shape
 
 Color = tuple[int, int, int]
 MAX_NUMBER = 1e6  # maximum of a number, metres or radians
-MAX_TURN, MAX_SLIDE = 1.01 * 2 * np.pi, 1.0
-"""rad and m, of a rotation and of the path of a joint that slides: what is larger is in degrees or millimetres."""
+MAX_TURN, MAX_SLIDE = 1.01 * 2 * np.pi, 1.0  # rad, m; larger ones of a joint are in degrees or millimetres
 MAX_LEVELS = 20  # number of folders around a URDF in which a package is searched for
 REMEDY = "copy it there, or put an empty package.xml into the folder that holds both"
 MeshReader = Callable[[Path, Path], tuple[Mesh, tuple[Path, ...]]]

@@ -11,10 +11,8 @@ from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.hand_urdf import ARMATURE, gel_name, write_hand_urdf
 
-HARD = {"solref": [0.005, 1.0], "solimp": [0.5, 0.99, 0.0001, 0.5, 2.0]}
-"""Contacts and gears as stiff as DexGraspBench makes them."""
-MOTORS = {"revolute": 5.0, "continuous": 5.0, "prismatic": 1e3}
-"""N m/rad, those of DexGraspBench, and N/m: 20 N at 2 cm."""
+HARD = {"solref": [0.005, 1.0], "solimp": [0.5, 0.99, 0.0001, 0.5, 2.0]}  # contacts and gears as stiff as DexGraspBench makes them
+MOTORS = {"revolute": 5.0, "continuous": 5.0, "prismatic": 1e3}  # N m/rad, those of DexGraspBench, and N/m: 20 N at 2 cm
 
 
 def urdf_spec(

@@ -75,9 +75,7 @@ def inertia_notes(hand: Hand) -> list[str]:
     guessed = [link.name for link in hand.links if link.inertial is not None and _possible_moments(link) is None]
     notes = []
     if massless:
-        notes.append(
-            f"no mass is stated for {abbreviate(massless)}: estimated at {DENSITY:g} kg/m³ of the collision shapes, at least 1 g per link"
-        )
+        notes.append(f"no mass stated for {abbreviate(massless)}: estimated at {DENSITY:g} kg/m³ of collision shapes, at least 1 g each")
     if guessed:
         notes.append(
             f"no <inertia> is stated that a body of that mass and size can have for {abbreviate(guessed)}: estimated from mass and "

@@ -27,8 +27,7 @@ from pipeline.store.record import Name, Sha256, Text
 MAX_BYTES = 2**28  # maximum size of a recipe: 200 bytes for each of a million objects, and some more
 MAX_NAME_BYTES = 255  # maximum length of a path in a recipe: file systems accept no longer name
 
-SHORT_DIGITS = 16
-"""Hexadecimal digits of a row's digest in a recipe, which name a row that differs; the roots, of 64 digits, are the proof."""
+SHORT_DIGITS = 16  # hexadecimal, of a row's digest in a recipe: enough to name a row that differs; the roots have 64
 
 MAX_TEXTS, TEXT_SUFFIXES = 100, (".yaml", ".yml", ".urdf", ".xml", ".mtl")
 """Text files that a recipe may hold, which `remake` writes: their maximum number, and suffixes of files that nothing executes."""
@@ -169,9 +168,7 @@ def read_recipe(path: Path) -> Recipe:
     if not isinstance(content, dict) or "recipe" not in content:
         raise InvalidInput(f"{path} is no recipe: it has no entry `recipe`; `vt-pipeline recipe DATA > FILE` writes one")
     if content["recipe"] != 1:
-        raise InvalidInput(
-            f"recipe {path} is of version {content['recipe']!r:.40}, this vt-pipeline reads 1; use the version that wrote it"
-        )
+        raise InvalidInput(f"recipe {path} has version {content['recipe']!r:.40}, this vt-pipeline reads 1; use the version that wrote it")
     try:
         recipe = Recipe.model_validate({**content, "objects": "".join(line.removeprefix("  ") for line in lines.splitlines(True))})
         recipe.rows  # noqa: B018 (an error where a line cannot be used)

@@ -94,9 +94,7 @@ def _described(recipe: Recipe, stage: str, setting: str, value: JsonValue, descr
     if value is None or (isinstance(value, str) and value in shipped):
         return value
     if descriptions is None or value not in files:
-        raise InvalidInput(
-            f"the recipe's {stage}.{setting} is {value!r:.80}; {unknown_name(DESCRIBED[setting], value, [*shipped, *files])}"
-        )
+        raise InvalidInput(f"recipe: {stage}.{setting} is {value!r:.80}; {unknown_name(DESCRIBED[setting], value, [*shipped, *files])}")
     return str((descriptions / str(value)).absolute())
 
 
@@ -124,10 +122,7 @@ def _listed(recipe: Recipe, objects: Path | None) -> list[Object]:
             f"{abbreviate([recipe.rows[name].source for name in missing])}; {_where(manifest)}"
         )
     if extra := sorted(listed_ids - recipe.rows.keys()):
-        raise InvalidInput(
-            f"{pluralise(len(extra))} not in the recipe ({abbreviate(extra)}), with which splits would be drawn otherwise; "
-            f"move their files out of {objects}"
-        )
+        raise InvalidInput(f"{pluralise(len(extra))} not in the recipe ({abbreviate(extra)}); move their files out of {objects}")
     return manifest.objects(root)
 
 
@@ -175,9 +170,7 @@ def reasons(recipe: Recipe) -> list[str]:
             continue
         # 2.13.0+cpu is 2.13.0
         if installed.get(name, "").partition("+")[0] not in (version.partition("+")[0] for version in recorded.split(", ")):
-            lines.append(
-                f"{name} is {installed.get(name, 'not installed')} here, {recorded} there: pip install {name}=={recorded.split(', ')[0]}"
-            )
+            lines.append(f"{name} is {installed.get(name, 'absent')} here, {recorded} there: pip install {name}=={recorded.split(', ')[0]}")
     return lines
 
 

@@ -29,11 +29,9 @@ from schemas.surfaces import SURFACES
 from stages.registry import DATASET, make_request
 from stages.render_vision.renderer import Renderer
 
-MANIFEST, OBJECT = "toy", "bottle-0001"
-"""An object of a class that the pretrained networks know, which is not in their training set."""
+MANIFEST, OBJECT = "toy", "bottle-0001"  # an object of a class that the pretrained networks know, which is not in their training set
 SETTINGS = ("simulate-grasps.grasps=1",)
-FRAMES, PIXELS, MILLISECONDS = 36, 256, 80
-"""Of the turntable: pictures of a turn, pixels per side of each mesh, and time per picture."""
+FRAMES, PIXELS, MILLISECONDS = 36, 256, 80  # of the turntable: pictures of a turn, pixels per side of each mesh, and time per picture
 
 
 class Demo(NamedTuple):

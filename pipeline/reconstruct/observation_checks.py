@@ -25,8 +25,7 @@ from pipeline.reconstruct.observed_touch import ObservedTouch
 
 FARTHEST, NEAREST, SMALLEST = 10.0, 0.01, 1e-3
 """m: largest coordinate of a pose, least distance of a camera from the object's centre, and smallest object."""
-POINTS_BEYOND = 1.5
-"""Largest coordinates of touched points, by those of the gel: soft gels bulge, and sensor files are not exact."""
+POINTS_BEYOND = 1.5  # largest coordinates of touched points, by those of the gel: soft gels bulge, and sensor files are not exact
 OF_POINTS = "implicit networks, such as the pretrained one, take touches of any sensor as points; or train one with this sensor"
 UNMEASURED = (
     "camera.depth is 0 or not finite wherever camera.mask shows the object, and camera.hand_mask no robot: register it to the photograph, "
@@ -197,9 +196,7 @@ def _distant_positions(observation: RobotObservation) -> Iterator[Fault]:
             yield Fault(f"{name} is {distance:g} {observation.unit}{away} (at most {FARTHEST:g} m): {remedy}{frame}")
     diagonal = observation.object.diagonal
     if diagonal is not None and diagonal * observation.metres_per_unit < SMALLEST:
-        yield Fault(
-            f"object.diagonal is {diagonal:g} {observation.unit} (at least {SMALLEST:g} m): check the unit, which is that of all lengths"
-        )
+        yield Fault(f"object.diagonal is {diagonal:g} {observation.unit} (at least {SMALLEST:g} m): check the unit, that of all lengths")
 
 
 def _not_located(observation: RobotObservation) -> Iterator[Fault]:

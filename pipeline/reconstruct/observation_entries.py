@@ -18,15 +18,14 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.transforms import rotation_from_euler
 from pipeline.kernels.touch.sensor import Sensor
 
-ROTATION_TOLERANCE = 1e-3
-"""Deviation from orthonormal of a rotation that is rounded to the nearest one: files have few digits."""
+ROTATION_TOLERANCE = 1e-3  # deviation from orthonormal of a rotation that is rounded to the nearest one: files have few digits
 QUATERNION_TOLERANCE = 1e-2  # deviation of a quaternion's length from 1
 
 Vector = tuple[float, float, float]
 Row = tuple[float, float, float, float]
 
 
-class ObservationEntries(Entries):
+class FileEntries(Entries):
     """Entries of an observation file."""
 
     model_config = ConfigDict(arbitrary_types_allowed=True)
@@ -83,7 +82,7 @@ def size_text(array: NDArray[Any]) -> str:
     return f"{array.shape[1]} x {array.shape[0]}"
 
 
-class Pose(ObservationEntries):
+class Pose(FileEntries):
     """A frame in the file's frame: `position`, and `quaternion` or `rpy`; or `matrix`, which may be given in place of the mapping."""
 
     position: Vector | None = Field(default=None, description="of the frame's origin")

@@ -18,36 +18,22 @@ from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import foreground
-from pipeline.reconstruct.observation_entries import (
-    Depth,
-    Image,
-    Mask,
-    ObservationEntries,
-    Pose,
-    SensorName,
-    Vector,
-    check_array,
-    size_text,
-)
+from pipeline.reconstruct.observation_entries import Depth, FileEntries, Image, Mask, Pose, SensorName, Vector, check_array, size_text
 from pipeline.reconstruct.observed_touch import ObservedTouch
 
 MAX_TOUCHES = 256
-CHANGED, CONTACT_SHARE = 8, 0.5
-"""Levels by which a share of a tactile image's pixels, per cent, differs from the untouched image if something touches."""
-SMOOTHED = 1 / 33
-"""Share of a tactile image's shorter side over which differences are averaged before: noise of single pixels is no touch."""
+CHANGED, CONTACT_SHARE = 8, 0.5  # levels by which a share of the pixels, %, differs from the untouched image in a touch
+SMOOTHED = 1 / 33  # share of a tactile image's shorter side over which differences are averaged before: noise of single pixels is no touch
 
 
-class ObservedObject(ObservationEntries):
+class ObservedObject(FileEntries):
     """Where the object is."""
 
-    centre: Vector | None = Field(
-        default=None, description="of its bounding box; by default estimated from `depth` and `mask`, else touches"
-    )
+    centre: Vector | None = Field(default=None, description="of its bounding box; by default from `depth` and `mask`, else touches")
     diagonal: float | None = Field(default=None, gt=0, description="of its bounding box; by default estimated from `depth` and `mask`")
 
 
-class Intrinsics(ObservationEntries):
+class Intrinsics(FileEntries):
     """Focal lengths and principal point, pixels; the centre of the top left pixel is (½, ½)."""
 
     fx: float = Field(ge=10, le=1e6, description="focal length along columns")
@@ -56,28 +42,23 @@ class Intrinsics(ObservationEntries):
     cy: float = Field(ge=-1e6, le=1e6, description="row of the principal point; OpenCV's and ROS's plus ½")
 
 
-class ObservedCamera(ObservationEntries):
+class ObservedCamera(FileEntries):
     """A rectified photograph and its camera."""
 
     image: Image = Field(description="8-bit RGB photograph, without distortion")
     intrinsics: Intrinsics = Field(description="of the photograph")
     pose: Pose = Field(description="camera to the file's frame: an extrinsic, as from hand-eye calibration")
     convention: Literal["opencv", "opengl"] = Field(
-        default="opencv",
-        description="axes of the camera: `opencv` and ROS's optical frames look along +z, +y down; `opengl` and Blender along -z, +y up",
+        default="opencv", description="`opencv` and ROS's optical frames look along +z, +y down; `opengl` and Blender along -z, +y up"
     )
     mask: Mask | None = Field(
-        default=None,
-        description="not 0 where the photograph shows the object; without it, all that differs in colour from the photograph's border",
+        default=None, description="not 0 where the photograph shows the object; without it, all that differs in colour from the border"
     )
     hand_mask: Mask | None = Field(default=None, description="not 0 where it shows the robot in front of the object")
-    depth: Depth | None = Field(
-        default=None, description="depth along the viewing direction, registered to the photograph: 16-bit PNG, or .npy, m"
-    )
+    depth: Depth | None = Field(default=None, description="along the viewing direction, registered to the photograph: 16-bit PNG or .npy m")
     depth_scale: float = Field(default=1e-3, gt=0, le=1, description="m per level of a 16-bit depth image; 0.001 for mm")
     depth_as_touch: bool = Field(
-        default=False,
-        description="give visible points of `depth` as touched, to networks with touch: for errors up to 0.4 % of its size; needs `mask`",
+        default=False, description="give networks with touch visible points of `depth`: for errors up to 0.4 % of its size; needs `mask`"
     )
 
     @model_validator(mode="after")
@@ -130,7 +111,7 @@ class View:
         return bool(((pixel >= 0) & (pixel < [cols, rows])).all())  # NaN behind the camera is not
 
 
-class RobotObservation(ObservationEntries):
+class RobotObservation(FileEntries):
     """A robot's observation of one static object, in one frame (e.g. its base)."""
 
     unit: Literal["mm", "cm", "dm", "m", "in", "ft"] = Field(default="m", description="of all lengths, and of the reconstruction")
@@ -142,13 +123,10 @@ class RobotObservation(ObservationEntries):
         default=None, description="tactile image of the sensor without contact; by default the one that the model was trained with"
     )
     accept_photographs: bool = Field(
-        default=False,
-        description="accept tactile images that seem altered: colours exchanged, turned, mirrored, grey, another exposure or sensor",
+        default=False, description="accept what seems altered: colours exchanged, turned, mirrored, grey, another exposure or sensor"
     )
     touches: tuple[ObservedTouch, ...] = Field(
-        default=(),
-        max_length=MAX_TOUCHES,
-        description=f"touches of any sensors, at most {MAX_TOUCHES}; needed by networks with touch, unless `depth_as_touch`",
+        default=(), max_length=MAX_TOUCHES, description=f"at most {MAX_TOUCHES}; networks with touch need some, or `depth_as_touch`"
     )
 
     def __init__(self, **entries: Any) -> None:

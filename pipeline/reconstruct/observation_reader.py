@@ -150,9 +150,7 @@ class ObservationReader:
         """Load the network beside the models that makes the points for charts: the U-Net, or the local network."""
         if f"{self._unet_name}.json" not in list_folder(self.models):
             label = {"touch": "local network", "unet": "U-Net"}[self._unet_name]
-            raise StageError(
-                f"{self.models} has no {label}, which makes points of tactile images; name the models of a data directory with one"
-            )
+            raise StageError(f"{self.models} has no {label}, which makes points of tactile images; name the models of a dataset with one")
         return load_touch_model(DataDirectory(self.models).verified_folder(self._unet_name), self.device)
 
     @property

@@ -8,40 +8,25 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from pipeline.kernels.touch.depth_maps import CONTACT_MARGIN
-from pipeline.reconstruct.observation_entries import (
-    GelDepth,
-    Image,
-    Mask,
-    ObservationEntries,
-    Points,
-    Pose,
-    SensorName,
-    check_array,
-    size_text,
-)
+from pipeline.reconstruct.observation_entries import FileEntries, GelDepth, Image, Mask, Points, Pose, SensorName, check_array, size_text
 
 
-class ObservedTouch(ObservationEntries):
+class ObservedTouch(FileEntries):
     """What a sensor felt, as a tactile image, the depth of its gel or points, and its pose."""
 
-    tactile_image: Image | None = Field(
-        default=None, description="8-bit RGB photograph by the sensor's camera, +x along columns, +y along rows"
-    )
+    tactile_image: Image | None = Field(default=None, description="8-bit RGB image of the sensor's camera, +x along columns, +y along rows")
     depth: GelDepth | None = Field(
         default=None, description="instead: how deep the gel is pressed in, 0 at rest: `NAME-depth.png` of `read-touch`, or .npy, m"
     )
     contact: Mask | None = Field(
-        default=None,
-        description="with `depth`, not 0 where something touches: `NAME-contact.png` of `read-touch`; by default from 0.1 mm on",
+        default=None, description="with `depth`, not 0 where something touches: `NAME-contact.png` of `read-touch`; else from 0.1 mm on"
     )
     points: Points | None = Field(
-        default=None,
-        description="instead: touched points, sensor frame, m, with normals out of the gel: `NAME.ply` of `read-touch`, or .npy (N, 6)",
+        default=None, description="instead: points, sensor frame, m, and normals out of the gel: `NAME.ply` of `read-touch`, or .npy (N, 6)"
     )
     pose: Pose = Field(description="sensor frame to the file's frame: origin in the middle of the gel's base, +z out of the gel")
     touched: bool | Literal["auto"] = Field(
-        default="auto",
-        description="whether the sensor touches; `auto`: if the image differs from the untouched one, or depth or points say so",
+        default="auto", description="whether it touches; `auto`: if the image differs from the untouched one, or depth or points say so"
     )
     sensor: SensorName | None = Field(default=None, description="name or file of this sensor's description; by default the observation's")
     untouched: Image | None = Field(default=None, description="tactile image of this sensor without contact; by default the observation's")

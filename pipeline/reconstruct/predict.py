@@ -60,9 +60,7 @@ class PredictOptions:
             trained = trained_models(data / "models", self.training_seed)
             models = data / "models" if trained or self.training_seed or not trained_models(SHIPPED) else None
         if models is None and self.training_seed:
-            raise StageError(
-                f"the pretrained network has one training; name models of training seed {self.training_seed}, or omit the seed"
-            )
+            raise StageError(f"a pretrained network has one training; name models of training seed {self.training_seed}, or omit the seed")
         folder = shipped_models() if models is None else models
         return folder, self.configuration or (DEFAULT if folder == SHIPPED else "occluded-touch")
 

@@ -29,8 +29,7 @@ from pipeline.store.storage import (
 )
 from pipeline.store.temporary import local_copy
 
-ATTEMPTS = 12
-"""Attempts at a conditional put while no other process writes: object storage may refuse one in a race, or a connection may break."""
+ATTEMPTS = 12  # at a conditional put while no other process writes: storage may refuse one in a race, or a connection break
 
 
 UNFINISHED = ".unfinished"  # the subfolder of a target folder that holds unfinished files and the lock of their writer
@@ -98,9 +97,7 @@ def refuse_links(folder: Path, names: Iterable[str]) -> None:
     """Raise a `StoreError` if the path of a file below a folder contains a symbolic link; the folder itself may be one."""
     paths = {path for name in names for path in (Path(name), *Path(name).parents[:-1])}
     if link := next((folder / path for path in sorted(paths) if (folder / path).is_symlink()), None):
-        raise StoreError(
-            f"{link} is a symbolic link to {os.readlink(link)}; nothing is written through links: remove it, then run this again"
-        )
+        raise StoreError(f"{link} is a symbolic link to {os.readlink(link)}; nothing is written through links: remove it, then run again")
 
 
 @contextmanager

@@ -19,8 +19,7 @@ from schemas.folders import RECORD, TREES
 
 GRACE_SECONDS = 3600.0  # how long a replaced group is kept: readers may still have it open
 
-UNFINISHED_SECONDS = 7 * 86_400.0
-"""How long unfinished work is kept at least: the rows of a shard wait there until all of them are made."""
+UNFINISHED_SECONDS = 7 * 86_400.0  # how long unfinished work is kept at least: the rows of a shard wait there until all of them are made
 
 REPLACED = ".replaced"
 """A marker file written into a folder in object storage when the folder is replaced: its age counts as the folder's. A run that loses a

@@ -12,11 +12,9 @@ from numcodecs import blosc
 
 from schemas.base import FIXED, INDEXED_DIMS, Array
 
-OBJECTS_PER_FILE = 64
-"""Objects whose chunks share one file: few files, yet no more than these in memory while a shard is written."""
+OBJECTS_PER_FILE = 64  # objects whose chunks share one file: few files, yet no more than these in memory while a shard is written
 
-LEVEL = 5
-"""zstd's level inside Blosc: 4 ms for a grasp's depth maps and tactile images; 8 makes them an eighth smaller, in six times as long."""
+LEVEL = 5  # zstd's, inside Blosc: 4 ms for a grasp's depth maps and tactile images; 8: an eighth smaller, in six times as long
 
 SMALL_CHUNK = 16 * 1024  # bytes below which splitting further costs more in headers than it saves in reading
 

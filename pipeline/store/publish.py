@@ -153,9 +153,7 @@ def _group_shapes(artifact: Artifact, rows: Sequence[RowRecord], results: Sequen
     for name in artifact.arrays:
         having, lacking = ([object_id for object_id in made if (name in returned[object_id]) is had] for had in (True, False))
         if having and lacking:
-            raise StoreError(
-                f"{artifact.name}: {name}: returned for {having[0]}, not for {lacking[0]}; return it for every object, or for none"
-            )
+            raise StoreError(f"{artifact.name}: {name}: returned for {having[0]}, not for {lacking[0]}; return it for all, or for none")
     shapes: dict[str, tuple[int, ...]] = dict.fromkeys(COMMON, (len(rows),))
     shapes |= {name: constant.shape for name, constant in constants.items()}
     for object_id, arrays in returned.items():

@@ -26,8 +26,7 @@ from pipeline.store.storage import Location, read_bytes
 FORMAT: Final = 2  # version of the format of records, raised when an older version could misread them
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199}$")]
-"""A name that may become part of a path."""
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199}$")]  # a name that may become part of a path
 
 RelativePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199}(/[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199})*$")]
 """A file or folder below another one, never above it."""
@@ -120,8 +119,7 @@ R = TypeVar("R", bound=Provenance)
 
 
 LIBRARIES = ("vt-pipeline", "numpy", "scipy", "torch", "trimesh", "embreex", "libigl", "numba", "pyrender-maintained", "zarr")
-PHYSICS = ("pybullet", "pybullet-arm64")
-"""Packages of PyBullet: its own has no wheels beyond Python 3.11. Both give identical results."""
+PHYSICS = ("pybullet", "pybullet-arm64")  # packages of PyBullet: its own has no wheels beyond Python 3.11. Both give identical results.
 
 
 @cache

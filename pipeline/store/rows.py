@@ -17,8 +17,7 @@ from pipeline.store.record import Failure, RowRecord
 from pipeline.store.storage import Location, read_bytes, remove, remove_files
 from schemas.base import COMMON, Array, Artifact
 
-Row = dict[str, np.ndarray]
-"""One object's part of every array of an artifact, without the object dimension; ragged ones as `meshes/vertices`."""
+Row = dict[str, np.ndarray]  # one object's part of every array, without the object dimension; ragged ones as `meshes/vertices`
 
 
 def row_digest(row: Mapping[str, np.ndarray], failure: Failure | None, category: str) -> str:

@@ -34,10 +34,7 @@ class Shard:
         self.position = {row.object_id: position for position, row in enumerate(record.rows)}
         self._stored: dict[str, StoredArray] = {}
         if record.schema_version != artifact.version:
-            raise OtherVersion(
-                f"{self.path}: schema {artifact.name} is version {artifact.version} here, the shard has {record.schema_version}; "
-                "run its stage again"
-            )
+            raise OtherVersion(f"{self.path} has schema version {record.schema_version}, not {artifact.version}; run its stage again")
 
     def row(self, object_id: str) -> RowRecord:
         """Return the record of an object's row."""

@@ -27,9 +27,7 @@ from upath import UPath
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.file_content import POINTER_REMEDY, expanded, is_pointer, is_pointer_file, regular_stat
 
-PROTOCOLS = ("s3", "gs")
-"""URL schemes of object storage with conditional puts: S3 and compatible servers, Google Cloud Storage."""
-
+PROTOCOLS = ("s3", "gs")  # URL schemes of object storage with conditional puts: S3 and compatible servers, Google Cloud Storage
 THREADS = 16  # concurrent requests: each waits for the network, not for a core
 NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  # error codes of a full disk or an exhausted quota
 
@@ -62,9 +60,7 @@ def as_location(text: str | Location) -> Location:
     if not separator:
         return expanded(str(text))
     if protocol not in PROTOCOLS or not rest.strip("/"):
-        raise InvalidInput(
-            f"{text} cannot hold data; give a folder, or {' or '.join(f'{protocol}://BUCKET/PREFIX' for protocol in PROTOCOLS)}"
-        )
+        raise InvalidInput(f"{text} cannot hold data; give a folder, or {' or '.join(f'{name}://BUCKET/PREFIX' for name in PROTOCOLS)}")
     return UPath(f"{protocol}://{'/'.join(filter(None, rest.split('/')))}")
 
 

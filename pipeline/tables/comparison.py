@@ -98,9 +98,7 @@ def read_values(folders: Sequence[Path]) -> Trainings:
     for folder in folders:
         root = read_root(folder)
         if problem := difference(folders[0], folder, sorted({*first["settings"], *root["settings"]} - set(MAY_DIFFER))):
-            raise StoreError(
-                f"{folder} was made with {problem}, as {folders[0]}; run evaluate again for each training seed, with one setting"
-            )
+            raise StoreError(f"{folder} was made with {problem}, as {folders[0]}; run evaluate for each training seed, with one setting")
         figures = read_figures(folder)
         for name in root["configurations"]:
             if name not in figures:

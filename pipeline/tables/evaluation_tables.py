@@ -40,8 +40,7 @@ ACCURACY = {
 SHARED = {"normals agree, %": ("normal_consistency", 100), "intersection over union": ("iou", 1)}
 """Further metrics that only surfaces have (of the first grasp), and only closed ones."""
 CHAMFER = ("chamfer", TABLE_3_FACTOR)  # in Table 3's unit
-SAMPLING_ALONE = "what sampling alone gives"
-"""Label of the Chamfer distance between two samplings of one surface, on average."""
+SAMPLING_ALONE = "what sampling alone gives"  # label of the Chamfer distance between two samplings of one surface, on average
 
 Networks = Mapping[str, Figures]
 

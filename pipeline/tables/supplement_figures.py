@@ -1,22 +1,18 @@
 """The supplement's figures, by class or configuration."""
 
 PAPER = "Smith et al. 2020"  # the name of the paper and its supplement in tables
-TABLE_1 = {"bottle": 71.8, "knife": 54.1, "cellphone": 67.2, "rifle": 53.6, "all": 62.7}
-"""Per cent of touches that succeed."""
-TOUCHES_PER_GRASP = (0.0, 9.47, 26.08, 53.83, 10.61)
-"""Section 1.6: per cent of grasps with 0 to 4 successful touches; it prints none for 0."""
-TABLE_2 = {
+TABLE_1 = {"bottle": 71.8, "knife": 54.1, "cellphone": 67.2, "rifle": 53.6, "all": 62.7}  # per cent of touches that succeed
+TOUCHES_PER_GRASP = (0.0, 9.47, 26.08, 53.83, 10.61)  # section 1.6: % of grasps with 0 to 4 touches; none printed for 0
+TABLE_2 = {  # local Chamfer distance in the rings ×1 to ×5, m²
     "occluded": (6.687e-5, 5.938e-5, 5.305e-5, 5.038e-5, 4.841e-5),
     "occluded-touch": (2.569e-5, 2.970e-5, 3.257e-5, 3.393e-5, 3.528e-5),
     "unoccluded": (4.553e-5, 4.333e-5, 4.080e-5, 3.922e-5, 3.866e-5),
     "unoccluded-touch": (1.510e-5, 1.944e-5, 2.243e-5, 2.494e-5, 2.736e-5),
 }
-"""Local Chamfer distance in the rings ×1 to ×5, m²."""
-TABLE_3 = {
+TABLE_3 = {  # Chamfer distance with 1 to 5 grasps, in the unit of Table 3 (about 9000 times m²)
     "unoccluded-touch": (0.804, 0.714, 0.689, 0.695, 0.654),
     "touch": (3.05, 1.769, 1.479, 1.296, 1.237),
 }
-"""Chamfer distance with 1 to 5 grasps, in the unit of Table 3 (about 9000 times m²)."""
 BEST_EPOCH = {"occluded-touch": 113, "occluded": 114, "unoccluded-touch": 122, "unoccluded": 99, "touch": 90}
 """Section 3.3: the epoch whose weights were kept."""
 TABLE_4: dict[str, tuple[float | None, float | None, float | None]] = {

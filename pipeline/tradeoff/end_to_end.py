@@ -24,8 +24,7 @@ from stages.registry import load_stage
 
 NETWORK = ("train-gcn.configuration=occluded-touch", "evaluate.configurations=[occluded-touch]", "evaluate.grasps=[1, 2]")
 """A network with vision and touch; it is evaluated with one and two grasps, which every variant has."""
-TRAININGS, REPEATED = 3, ("train-gcn", "evaluate")
-"""Trainings of each network, with different seeds; and the stages that are run for each."""
+TRAININGS, REPEATED = 3, ("train-gcn", "evaluate")  # trainings of each network, with different seeds; and the stages that are run for each
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,7 @@ from pipeline.tradeoff.sweep import file_name
 from pipeline.tradeoff.trades import FOLDER, MeasuredTrade, Point, files_of, kilobytes, read_trade, times_of
 from stages.registry import DATASET, GRASP_STAGES, TRADED, assignment, load_stage, load_trade, resolve
 
-TOUCH_ALONE = ("train-gcn.configuration=touch", "evaluate.configurations=[touch]")
-"""The network whose trade is measured: it needs no images."""
+TOUCH_ALONE = ("train-gcn.configuration=touch", "evaluate.configurations=[touch]")  # whose trade is measured: it needs no images
 LONGEST = 0.25  # share of the given time that one candidate may take; the paper's trainings take days
 FEWEST, MOST = 4, 32  # number of objects in a sample: fewer do not show the spread, more add little information
 

@@ -26,8 +26,7 @@ from schemas.catalogue import ARTIFACTS
 from stages.registry import assignment
 
 FOLDER = "tradeoff"  # folder of the measurements, below a data directory
-CONFIDENCE = 0.998
-"""Confidence of Student's t for a bound: 19 of 20 other samples keep it even with skewed errors, such as lognormal ones of σ = 0.8."""
+CONFIDENCE = 0.998  # of Student's t for a bound: 19 of 20 other samples keep it even with skewed errors, as lognormal ones of σ = 0.8
 END_TO_END = "reconstruction"  # the name, in place of a stage's, under which the trade of whole datasets is kept
 
 
@@ -247,9 +246,7 @@ def within_time(trades: Sequence[MeasuredTrade], workload: Workload, seconds: fl
                 plans.append(plan)
     fitting = [plan for plan in plans if plan[0] <= seconds]
     if not fitting:
-        raise InvalidInput(
-            f"the fastest measured settings take {plans[0][0]:.0f} s, {seconds:.0f} s were given; take more cores or fewer objects"
-        )
+        raise InvalidInput(f"the fastest settings take {plans[0][0]:.0f} s, {seconds:.0f} s were given; take more cores or fewer objects")
     return list(fitting[-1][2])
 
 

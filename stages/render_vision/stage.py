@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from pipeline.config.settings import ObjectSettings, described_by, setting
+from pipeline.config.settings import ObjectSettings, defining, described_by, setting
 from pipeline.console import abbreviate, pluralise
 from pipeline.dataset.grasps import check_hand_exists
 from pipeline.dataset.mesh_rows import read_mesh
@@ -36,23 +36,18 @@ SPECK = 0.1  # share of an image's side below which an object has too few pixels
 class VisionSettings(ObjectSettings):
     """How objects and grasps become images (supplement 1.4)."""
 
-    scene: Annotated[str, described_by("scene")] = setting(
-        "supplement",
-        "the supplement's camera, one lamp, constant light; name of a built-in scene, or path of a .yaml file",
-        changes="definition",
+    scene: Annotated[str, described_by("scene")] = defining(
+        "supplement", "the supplement's camera, one lamp, constant light; a built-in scene, or path of a .yaml file"
     )
-    hand: Annotated[str, described_by("hand")] | None = setting(None, "null: the hand that made the grasps", changes="definition")
-    zoom: float | None = setting(
+    hand: Annotated[str, described_by("hand")] | None = defining(None, "null: the hand that made the grasps")
+    zoom: float | None = defining(
         None,
         "factor of the focal lengths of the scene's cameras; null shows each object as large as one of 0.5 m: 5 for an object of 0.1 m",
         ge=0.01,
         le=10_000,
-        changes="definition",
     )
     resolution: int = setting(256, "pixels per side, the supplement's; the camera's intrinsics scale with it", ge=16, le=4096)
-    occluded: bool = setting(
-        True, "one image per grasp; false renders only the object alone, in a sixth of the time and the bytes", changes="definition"
-    )
+    occluded: bool = defining(True, "one image per grasp; false: only the object alone, a sixth of time and bytes")
 
 
 def leaves_image(camera: Camera, points: np.ndarray) -> bool:
@@ -74,12 +69,11 @@ def surrounds_lens(camera: Camera, points: np.ndarray) -> bool:  # (N, 3) of an 
     return camera.drawn is not None and camera.drawn.distance[0] < bounding_diagonal(points) / 2
 
 
-IMAGE_FAULTS = {
+IMAGE_FAULTS = {  # what may be wrong with an object in an image, and the remedy
     surrounds_lens: ("perhaps around the lens in", "raise drawn.distance"),
     leaves_image: ("not whole in", "move the camera"),
     is_speck: (f"smaller than {100 * SPECK:.0f} % of", "move the camera nearer"),
 }
-"""What may be wrong with an object in an image, and the remedy."""
 
 
 class RenderVision(ObjectStage):
@@ -109,9 +103,7 @@ class RenderVision(ObjectStage):
         if attributes["grasps"]["hand"]["digest"] == assets_digest(load_hand(str(settings.hand)).files):  # the files may have been moved
             return
         if hand != settings.hand:
-            raise InvalidInput(
-                f"the grasps were made with hand {hand}, render-vision.hand is {settings.hand}; leave it out, or set --set hand={hand}"
-            )
+            raise InvalidInput(f"the grasps are of hand {hand}, render-vision.hand is {settings.hand}; leave it out, or --set hand={hand}")
         raise InvalidInput(f"the files of hand {hand} have changed since the grasps were made; run simulate-grasps again")
 
     def describe_misfits(self, settings: VisionSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:

@@ -41,9 +41,7 @@ def reading(settings: ReadSettings) -> Iterator[Callable[[Unit, Inputs], Row]]:
         def process(unit: Unit, inputs: Inputs) -> Row:
             files = grasp_files(folder, unit.name)
             if not files:
-                raise InvalidInput(
-                    f"no grasps of it in {folder}; call its file {unit.name}.npz or .npy, or put its files in a folder {unit.name}"
-                )
+                raise InvalidInput(f"no grasps of it in {folder}; call its file {unit.name}.npz or .npy, or their folder {unit.name}")
             surface = inputs["surfaces"]
             mesh = read_mesh(surface)
             prepared_object = prepare_object(mesh, surface["points"], surface["normals"], reach=hand.reach)
@@ -52,9 +50,8 @@ def reading(settings: ReadSettings) -> Iterator[Callable[[Unit, Inputs], Row]]:
             if test is not None:
                 test.load(mesh, prepared_object.points)
             measured = MeasuredGrasps(hand, prepared_object, settings, test)
-            return GraspReader(measured, settings, surface["placement"], physics).row(
-                grasp for file in files for grasp in read_grasp_file(file, folder)
-            )
+            grasps = (grasp for file in files for grasp in read_grasp_file(file, folder))
+            return GraspReader(measured, settings, surface["placement"], physics).row(grasps)
 
         yield process
 
@@ -89,9 +86,7 @@ class GraspReader:
             except InvalidInput as error:
                 refused.append(" ".join(f"{grasp.origin}: {error}".splitlines()))
         if not kept:
-            raise InvalidInput(
-                f"none of its {pluralise(len(refused), 'grasp')} can be used; {refused[0] if refused else 'its files are empty'}"
-            )
+            raise InvalidInput(f"none of its {pluralise(len(refused), 'grasp')} is usable; {refused[0] if refused else 'files are empty'}")
         touched = np.mean([attempt.grasp.touched for attempt in kept], axis=0)
         repeated = np.arange(self.settings.grasps) % len(kept)
         return {
@@ -111,9 +106,7 @@ class GraspReader:
             )
         hand, pose = self.hand, compose(compose(self.frame, stated.root), self.root)
         if (distance := float(length(stated.root[:3, 3]))) > FARTHEST:
-            raise InvalidInput(
-                f"the hand is {distance:.3g} m from the object's origin; positions are in m, those of .npz in the unit of the object's file"
-            )
+            raise InvalidInput(f"the hand is {distance:.3g} m from the object's origin; positions are in m, of .npz in its file's unit")
         angles = {phase: self._joint_vector(stated, phase) for phase in PHASES if phase in stated.angles}
         start, grasp, squeeze = angles.get("pregrasp"), angles["grasp"], angles.get("squeeze")
         if self.physics is not None:
@@ -121,10 +114,7 @@ class GraspReader:
             start, steps = opened if start is None else start, self.settings.settle_steps
             grasp, rests = self.physics.settle(pose, start, pressed, max_steps=steps, resting_speed=RESTING_SPEED)
             if not rests:
-                raise InvalidInput(
-                    f"fingers still move after {steps} steps (read-grasps.settle_steps): does `vt-pipeline check` of the hand file name "
-                    "links that overlap?"
-                )
+                raise InvalidInput(f"fingers still move after {steps} read-grasps.settle_steps: does `vt-pipeline check` name overlaps?")
             grasp, within = self.measured.closed(pose, start, grasp)
             if not within:
                 raise InvalidInput(f"{OVERLOADED}: is the pregrasp clear of the object?")
@@ -146,9 +136,7 @@ class GraspReader:
             names = [joints.get(name, name) for name in names]
         by_name = dict(zip(names, values.tolist(), strict=True))
         if unknown := [name for name in by_name if name not in known]:
-            raise InvalidInput(
-                f"{missing_name('joint', unknown[0][:100], known)}; rename it by read-grasps.joints, or take a hand that has it"
-            )
+            raise InvalidInput(f"{missing_name('joint', unknown[0][:100], known)}; rename it by read-grasps.joints, or take a hand with it")
         if twice := [name for name in by_name if list(names).count(name) > 1]:
             raise InvalidInput(f"joint {twice[0]!r} is there twice; give each joint one value, or correct read-grasps.joints")
         if lacking := [name for name in hand.joint_names if name not in by_name]:
@@ -164,7 +152,5 @@ class GraspReader:
             )
         for name, value in hand.joint_values(vector).items():
             if phase == "grasp" and abs(by_name.get(name, value) - value) > BEYOND:
-                raise InvalidInput(
-                    f"joint {name} is {by_name[name]:.3g}, in hand {hand.name} it is {value:.3g}: frozen, or coupled to another"
-                )
+                raise InvalidInput(f"joint {name} is {by_name[name]:.3g}, in hand {hand.name} it is {value:.3g}: frozen or coupled")
         return vector

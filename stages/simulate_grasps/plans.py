@@ -30,9 +30,7 @@ GEL_DISTANCE = 0.002  # m, largest distance of their gels from the object in a d
 PLANNED_PIXELS = 100  # along the longer side of a gel whose contacts are evaluated
 WEIGHED_CHOICES = 128  # most choices of fingers' postures whose contacts are evaluated
 BATCHES = (1, 8, 32)  # choices after which the evaluation checks whether the best one can still be surpassed
-
-Posture = tuple[Array, Array]
-"""A hand's pose (4, 4) and joint angles (J,)."""
+Posture = tuple[Array, Array]  # a hand's pose (4, 4) and joint angles (J,)
 
 
 @dataclass

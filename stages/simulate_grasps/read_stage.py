@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import field_validator
 
-from pipeline.config.settings import setting
+from pipeline.config.settings import defining, setting
 from pipeline.config.sources import Object
 from pipeline.console import abbreviate, pluralise
 from pipeline.engine.stage import Cost, Inputs, Unit
@@ -29,37 +29,28 @@ class ReadSettings(HandSettings):
     stage: ClassVar[str] = "read-grasps"
 
     folder: str | None = setting(
-        None,
-        "of the grasps: OBJECT.npz, OBJECT.npy, or a folder OBJECT, of each object; its path changes nothing, its files do",
-        changes="speed",
+        None, "of grasps: OBJECT.npz, .npy, or a folder OBJECT, of each object; its path changes nothing, its files do", changes="speed"
     )
-    grasps: int = setting(
+    grasps: int = defining(
         20,
         "per object, the first that can be used; DexGraspBench and BODex write 20. Where an object has fewer, they are repeated: "
         "learning sees them again, exports and GraspDataset do not",
         ge=1,
-        changes="definition",
     )
-    joints: tuple[str, ...] | dict[str, str] = setting(
+    joints: tuple[str, ...] | dict[str, str] = defining(
         (),
         "names of the joints whose values files list without names, in their order, by default that of the hand's model; or {name in "
         "files: name in the model} where files name joints otherwise",
-        changes="definition",
     )
-    root: tuple[float, float, float, float, float, float, float] = setting(
+    root: tuple[float, float, float, float, float, float, float] = defining(
         (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
         "the hand's root link in the frame whose pose files state: position, m, and quaternion, real part first; they may have a model of "
         "the same hand with another root",
-        changes="definition",
     )
-    close: bool = setting(
-        False,
-        "close the fingers from the pre-grasp to `squeeze` beyond the grasp until contact rests, instead of taking the angles as they are",
-        changes="definition",
+    close: bool = defining(
+        False, "close fingers from the pre-grasp to `squeeze` beyond the grasp until contact rests, instead of taking angles as they are"
     )
-    penetration_limit: float = setting(
-        0.01, "m that a rigid link may penetrate the object in a grasp; DexGraspBench tests none that is deeper", ge=0, changes="definition"
-    )
+    penetration_limit: float = defining(0.01, "m that a rigid link may penetrate the object; DexGraspBench tests none that is deeper", ge=0)
 
     @field_validator("root")
     @classmethod
@@ -143,7 +134,5 @@ def model_joints(hand: Hand) -> list[str]:
 def grasp_folder(settings: ReadSettings) -> Path:
     """Return the folder of grasps."""
     if settings.folder is None or not (folder := expanded(settings.folder)).is_dir():
-        raise InvalidInput(
-            f"read-grasps.folder is {settings.folder or 'not set'}; name a folder with --set read-grasps.folder=FOLDER (make: SET=)"
-        )
+        raise InvalidInput(f"read-grasps.folder is {settings.folder or 'not set'}; use --set read-grasps.folder=FOLDER (make: SET=)")
     return folder

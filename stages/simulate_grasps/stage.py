@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import model_validator
 
-from pipeline.config.settings import ObjectSettings, described_by, setting
+from pipeline.config.settings import ObjectSettings, defining, described_by, setting
 from pipeline.console import abbreviate, pluralise
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.keys import assets_digest
@@ -29,29 +29,23 @@ class HandSettings(ObjectSettings):
 
     stage: ClassVar[str] = "simulate-grasps"  # as messages name it
 
-    hand: Annotated[str, described_by("hand")] = setting(
-        "allegro_right", "the supplement's hand; another is another hand file, by name or by path ending in .yaml", changes="definition"
+    hand: Annotated[str, described_by("hand")] = defining(
+        "allegro_right", "the supplement's hand; another is another hand file, by name or by path ending in .yaml"
     )
-    sensor: Annotated[str, described_by("sensor")] | None = setting(
-        None, "null: the sensors that the hand file names; another sensor file, by name or path, is for all fingers", changes="definition"
+    sensor: Annotated[str, described_by("sensor")] | None = defining(
+        None, "null: the sensors that the hand file names; another sensor file, by name or path, is for all fingers"
     )
     settle_steps: int = setting(400, "steps of 1/240 s in which contact must settle; otherwise the attempt fails", ge=20)
-    penetration_limit: float = setting(0.001, "m that a rigid link may penetrate the object in a kept grasp", ge=0, changes="definition")
-    hold_test: Literal["none", "lift", "six"] | None = setting(
+    penetration_limit: float = defining(0.001, "m that a rigid link may penetrate the object in a kept grasp", ge=0)
+    hold_test: Literal["none", "lift", "six"] | None = defining(
         None,
         "lift: the object is freed in the grasp, and must rest in the hand after a second of gravity; six: along ± x, ± y and ± z in turn, "
         "in six times the time; it is recorded, and simulate-grasps.search=hold keeps what passes; null: lift for that, else none",
-        changes="definition",
     )
     hold_mass: float = setting(
         0.2, "kg of any object in the hold test, spread evenly over its surface: a full glass; with 1 kg few grasps hold", gt=0, le=1000
     )
-    squeeze: float = setting(
-        0.002,
-        "m that each sensor presses beyond the grasp in `squeeze_angles`, to which the motors drive in the hold test",
-        ge=0,
-        changes="definition",
-    )
+    squeeze: float = defining(0.002, "m that sensors press beyond the grasp in `squeeze_angles`, to which motors drive in hold tests", ge=0)
 
     @property
     def test(self) -> Literal["none", "lift", "six"]:
@@ -62,22 +56,20 @@ class HandSettings(ObjectSettings):
 class GraspSettings(HandSettings):
     """How grasps are searched (supplement 1.3)."""
 
-    grasps: int = setting(5, "the best five are kept (supplement 1.3)", ge=1, changes="definition")
-    search: Literal["touch", "hold"] = setting(
+    grasps: int = defining(5, "the best five are kept (supplement 1.3)", ge=1)
+    search: Literal["touch", "hold"] = defining(
         "touch",
         "touch: the supplement's (1.3), palms tangent to the object at random, as many touches as possible; hold: gels on opposed points, "
         "contacts that carry the object, kept if it stays in the hand",
-        changes="definition",
     )
     plans: int = setting(2, "plans that a hold search makes per attempt; physics gets the best", ge=1)
     spread: float = setting(
         0.05, "m from the centre of mass at which a hold search pinches a quarter as often as at the centre: more covers long objects", gt=0
     )
-    prefer: Literal["touches", "area", "closure"] = setting(
+    prefer: Literal["touches", "area", "closure"] = defining(
         "touches",
         "the supplement's rule (1.3); area: most area of contact; closure: the greatest margin of force closure, then most touches; "
         "both make all attempts",
-        changes="definition",
     )
     attempts: int = setting(
         50,
@@ -90,18 +82,12 @@ class GraspSettings(HandSettings):
         "make all attempts, for their statistics; else a touch search ends once no attempt could add a touch, with the same grasps in a "
         "third of the time, and a hold search once all grasps hold",
     )
-    least_distance: float = setting(
-        0.005, "m from object to palm at least: nearer, the thumb's base is in the way; 30 mm touches as often", ge=0
-    )
+    least_distance: float = setting(0.005, "m from object to palm at least: nearer, the thumb is in the way; 30 mm touches as often", ge=0)
     greatest_distance: float = setting(0.06, "m from object to palm at most: up to 100 mm 70 % of all sensors touch instead of 76", gt=0)
     ik_samples: int = setting(
-        1024,
-        "joint vectors per finger that the inverse kinematics chooses among: 256, 1024, 2048 touch with 72, 76, 80 % of all sensors",
-        ge=64,
+        1024, "joint vectors per finger that inverse kinematics chooses among: 256, 1024, 2048 touch with 72, 76, 80 % of sensors", ge=64
     )
-    ik_refinements: int = setting(
-        3, "rounds of local search around the best of them: 0, 1, 3, 5 touch with 52, 68, 76, 79 % of all sensors", ge=0
-    )
+    ik_refinements: int = setting(3, "rounds of local search around the best: 0, 1, 3, 5 touch with 52, 68, 76, 79 % of all sensors", ge=0)
 
     @property
     def test(self) -> Literal["none", "lift", "six"]:

@@ -146,9 +146,9 @@ def test_folder_with_a_line_break_is_refused(tmp_path):
         ({"cpu": {"partition": "cpu", "cores": 1, "memory": 4000, "time": "60"}}, "write it in quotes and with its unit"),
         ({"cpu": {"partition": "cpu", "cores": 1, "memory": "1G", "time": 14400}}, "YAML reads it as the number 14400; write it in quotes"),
         ({"gpu": {"partition": "g", "gpus": 0, "cores": 1, "memory": "1G", "time": "60"}}, "gpu.gpus"),
-        ({"setup": ["module load x\nrm -r y"]}, "is not a single line of printable text"),
+        ({"setup": ["module load x\nrm -r y"]}, "is not one line of printable text"),
         *(
-            (changes, "is not a single line of printable text, as a job's script needs; remove control characters")
+            (changes, "is not one line of printable text, as a job's script needs; remove control characters")
             for changes in (
                 *({entry: f"a{one}b"} for entry in ("account", "command") for one in ("\0", "\n", "\x1b", "\u2028")),
                 {"account": "a\n"},

@@ -69,7 +69,7 @@ def test_stage_is_not_submitted_again_while_its_job_is_running(programs, tmp_pat
     imitate_sbatch(programs)
     submit(tmp_path, "sample-surfaces", "simulate-grasps")
     imitate(programs, "squeue", said="2|0|PENDING|Dependency\n2|1|RUNNING|None\n2|2|COMPLETED|None")
-    with pytest.raises(StageError, match=r"grasps is being made: job 2 has 2 tasks not ended yet; wait for it, or end it with `scancel 2`"):
+    with pytest.raises(StageError, match=r"job 2 makes .*grasps, tasks left: 2; wait, or `scancel 2`"):
         submit(tmp_path, "simulate-grasps")
     assert [job.number for job in submit(tmp_path, "sample-surfaces")] == ["3"]
 

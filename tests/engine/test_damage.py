@@ -227,7 +227,7 @@ def test_array_of_only_some_objects_is_refused_before_publishing(tmp_path, monke
         weight = {"weight": np.array(1.0)} if unit.name == "b" else {}
         return {"values": np.zeros((50, 3)), "label": np.array("x"), "lists/numbers": np.arange(1), **weight}
 
-    with pytest.raises(StoreError, match="noise: weight: returned for b, not for a; return it for every object, or for none"):
+    with pytest.raises(StoreError, match="noise: weight: returned for b, not for a; return it for all, or for none"):
         pack(request(tmp_path, stage, count=3), row)
     assert not list((tmp_path / "noise").glob("*"))
     pack(request(tmp_path / "failed", stage, count=2), row, failed="a")

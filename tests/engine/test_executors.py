@@ -254,7 +254,7 @@ def test_restarted_cluster_gives_the_same_digest(tmp_path, monkeypatch):
     ("address", "why"),
     [
         ("tcp://127.0.0.1:9", "there is no Dask scheduler with workers at tcp://127.0.0.1:9: "),
-        ("tls://127.0.0.1:9", "tls://127.0.0.1:9 asks for certificates, and Dask's configuration names none; see "),
+        ("tls://127.0.0.1:9", "tls://127.0.0.1:9 wants certificates, Dask's settings name none; see "),
         ("nowhere", "there is no Dask scheduler with workers at nowhere: missing port number"),
         ("smtp://x:1", "there is no Dask scheduler with workers at smtp://x:1: unknown address scheme 'smtp'"),
     ],

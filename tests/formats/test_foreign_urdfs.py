@@ -112,7 +112,7 @@ def test_joint_that_mimics_a_frozen_joint_is_frozen(tmp_path: Path) -> None:
 
 def test_physics_urdf_has_convex_meshes_masses_and_no_visuals(hand: Hand, tmp_path: Path) -> None:
     no_mass, no_inertia = inertia_notes(hand)
-    assert no_mass.startswith("no mass is stated for tip: estimated at 1000 kg/m³")
+    assert no_mass.startswith("no mass stated for tip: estimated at 1000 kg/m³")
     assert "for palm, one, lever, two: estimated from mass and collision shapes" in no_inertia
     robot = parse_urdf(write_hand_urdf(hand, tmp_path))
     assert not robot.findall("*/visual")

@@ -154,7 +154,7 @@ def test_sensors_of_one_hand_need_the_same_pixels(tmp_path: Path) -> None:
 def test_elastic_gels_on_some_sensors_of_a_hand_are_refused_before_it_grasps(tmp_path: Path) -> None:
     soft = tmp_path / "soft.yaml"
     soft.write_text(description_path("sensor", "gel_16mm").read_text() + "gel: {modulus: 1.0e+5}\n")
-    with pytest.raises(InvalidInput, match=r"which .*soft.yaml would have and gel_16mm not; give all sensors of the hand a `gel`, or none"):
+    with pytest.raises(InvalidInput, match=r"of .*soft.yaml but not of gel_16mm; give all sensors a `gel`, or none"):
         load_worn_sensors(["gel_16mm", str(soft)])
 
 

@@ -172,7 +172,7 @@ def test_relative_numbers_count_from_their_place_in_the_file(tmp_path: Path) -> 
     (tmp_path / "two.obj").write_text("f -3 -2 -1\n".join([*corners, ""]))
     assert load_mesh(tmp_path / "two.obj").triangles[:, 0].tolist() == [[0, 0, 0], [5, 0, 0]]
     (tmp_path / "two.obj").write_text(f"{corners[0]}f -1 -2 -4\n")
-    with pytest.raises(InvalidInput, match="a face has relative index -4, before the first vertex; the file is damaged"):
+    with pytest.raises(InvalidInput, match="a face has relative index -4, before the first vertex; it is damaged"):
         load_mesh(tmp_path / "two.obj")
 
 

@@ -42,7 +42,7 @@ def test_binary_file_is_read_as_long_as_its_header_says(tmp_path: Path, title: b
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (binary()[:400], "should have 684 bytes for 12 triangles; it has 400; it is cut off"),
+        (binary()[:400], "12 triangles take 684 bytes, it has 400; it is cut off"),
         (binary(count=6), "header says 6 triangles, and 6 more follow"),
         (binary(count=0), "header says 0 triangles, and 12 more follow"),
         (b"<html>not found</html>", "is a web page"),

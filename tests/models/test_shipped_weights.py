@@ -94,7 +94,7 @@ def test_predict_without_models_uses_the_shipped_network(data, shipped, tmp_path
     assert PredictOptions(models_location("shipped")).network(data) == (shipped, NETWORK)
     assert PredictOptions().network(data) == (data / "models", "occluded-touch")  # its own
     assert PredictOptions(None, f"{NETWORK}-touch").network(bare) == (shipped, f"{NETWORK}-touch")
-    with pytest.raises(StageError, match="the pretrained network has one training; name models of training seed 1"):
+    with pytest.raises(StageError, match="a pretrained network has one training; name models of training seed 1"):
         PredictOptions(training_seed=1).network()
     assert PredictOptions(training_seed=1).network(data) == (data / "models", "occluded-touch")  # where it is said to be missing
 

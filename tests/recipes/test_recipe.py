@@ -312,7 +312,7 @@ def test_recipe_without_images_can_be_remade_and_one_without_what_a_stage_reads_
         (("manifest", "name"), "a\x1b[2J", "contains the control character"),
         (("versions", "numpy"), "2; rm -rf ~", "versions.numpy: String should match pattern"),
         (("shards",), 2, "has 1 roots, its shards are 2"),
-        (("recipe",), 2, "is of version 2, this vt-pipeline reads 1"),
+        (("recipe",), 2, "has version 2, this vt-pipeline reads 1"),
         (("stages", "sample-surfaces", "settings", "ponts"), 3, "there is no entry ponts, did you mean points?"),
         (("stages", "sample-surfaces", "code"), "x", "code: String should match pattern"),
         (("objects",), "", "it has no objects"),

@@ -140,7 +140,7 @@ ANY = {"name": "occluded-touch", "image": "any"}
     ("change", "network", "faults", "absent"),
     [
         (in_millimetres, None, ["touches.0 pose is 400 m away (at most 10 m): write unit: mm", "touches.1 pose is 400 m"], ""),
-        (diagonal_in_metres, None, ["object.diagonal is 0.5 mm (at least 0.001 m): check the unit, which is that of all lengths"], ""),
+        (diagonal_in_metres, None, ["object.diagonal is 0.5 mm (at least 0.001 m): check the unit, that of all lengths"], ""),
         (without(depth="depth.png"), None, ["m from the camera, but its centre is 0.5 m away (as stated)"], ""),  # tenths of a mm
         (without(depth="mm.npy"), None, ["camera.depth shows the object 500 m away (at most 10 m)"], ""),
         (without(depth="none.npy"), None, [DEPTH], ""),

@@ -348,7 +348,7 @@ def test_observations_that_do_not_fit_the_model_are_errors(data, grasp, tmp_path
     refused("there is no entry objekt, did you mean object", objekt=1)
     bare = tmp_path / "models"
     shutil.copytree(data / "models", bare, ignore=shutil.ignore_patterns("unet*"))
-    refused("models has no U-Net, which makes points of tactile images; name the models of a data directory", models=bare)
+    refused("models has no U-Net, which makes points of tactile images; name the models of a dataset", models=bare)
 
 
 def test_training_seed_selects_the_model(data, grasp, tmp_path):

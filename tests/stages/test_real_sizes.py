@@ -97,7 +97,7 @@ def test_objects_keep_their_size_between_stated_diagonals_and_get_one_of_them_ot
     drawn = [placed("rifle", variant, (0.06, 0.2)) for variant in range(4)]
     assert len(set(drawn)) == 4
     assert drawn[0] == placed("rifle", 0, (0.06, 0.2)) < 0.5
-    with pytest.raises(ValueError, match="the smaller one first"):
+    with pytest.raises(ValueError, match="the least comes first"):
         Procedural(kind="procedural", licence="MIT", seed=0, count={"mug": 1}, diagonals=(0.2, 0.06))
 
 

@@ -120,7 +120,7 @@ def test_unreadable_metadata_is_reported_without_tracebacks(shard, caplog):
         (b"{}", "the record is damaged"),
         (b"[" * 100_000, "the record is damaged"),
         (lambda text: text.replace(b"letter", b"lettes"), "its checksum is not that of its content"),
-        (lambda text: resealed(text, schema_version=0), "schema noise is version 1 here, the shard has 0"),
+        (lambda text: resealed(text, schema_version=0), "has schema version 0, not 1"),
         (lambda text: resealed(text, location="../../outside"), "the record is damaged (1 validation error"),
         (lambda text: resealed(text, key="../../../../OWNED"), "the record is damaged (1 validation error"),
         (lambda text: resealed(text, models={"../../outside": "0" * 64}), "the record is damaged (1 validation error"),

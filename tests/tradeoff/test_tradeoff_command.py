@@ -61,7 +61,7 @@ def test_advice_keeps_the_limits_of_time_and_error(measured: Path) -> None:
     assert "fast" in vt("advise", "--data", measured, "--error", "2.5mm", "--cores", 2)
     assert "at best 1 mm is kept to" in vt("advise", "--data", measured, "--error", "0.5mm", fails=True)
     output = vt("advise", "--data", measured, "--within", "1min", "--count", 100, "--cores", 1, fails=True)
-    assert "the fastest measured settings take 400 s" in output
+    assert "the fastest settings take 400 s" in output
 
 
 def test_advice_refuses_figures_of_other_settings(measured: Path) -> None:

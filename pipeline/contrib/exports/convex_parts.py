@@ -15,10 +15,8 @@ from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.store.storage import temporary
 
-THRESHOLD = 0.05
-"""Largest concavity of a part, as a share of the object's size (Wei et al. 2022): coacd's default."""
-CONVEX = 0.99
-"""Share of its convex hull's volume from which on a piece counts as convex."""
+THRESHOLD = 0.05  # largest concavity of a part, as a share of the object's size (Wei et al. 2022): coacd's default
+CONVEX = 0.99  # share of its convex hull's volume from which on a piece counts as convex
 THICKENED = 0.022
 """Distance from the surface, as a share of half of the object's largest extent, within which vertices of parts are moved to it: coacd
 remeshes objects that are no closed manifolds, half as far outside (0.55 of its voxels), and every part would be too thick."""

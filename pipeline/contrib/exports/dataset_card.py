@@ -31,8 +31,7 @@ from schemas.surfaces import SURFACES
 ASSETS = Path(pipeline.__file__).parent / "assets" / "exports"
 PICTURE = "contact-sheet.png"
 SHOWN_OBJECTS = 3
-HUB_SPLITS = {"train": "train", "valid": "validation", "test": "test"}
-"""The names that Hugging Face gives the splits."""
+HUB_SPLITS = {"train": "train", "valid": "validation", "test": "test"}  # the names that Hugging Face gives the splits
 SIZES = {1e3: "n<1K", 1e4: "1K<n<10K", 1e5: "10K<n<100K", 1e6: "100K<n<1M", 1e7: "1M<n<10M", float("inf"): "n>10M"}
 """Names that Hugging Face gives numbers of grasps below a limit."""
 TYPES = {"string": "sc:Text", "int64": "sc:Integer", "bool": "sc:Boolean", "float32": "sc:Float", "float64": "sc:Float"}

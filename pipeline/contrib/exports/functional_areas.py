@@ -12,12 +12,9 @@ DIGITS = (("thumb",), ("index",), ("middle",), ("ring",), ("little", "pink"))
 """Names of fingers; fingers with other names, as of grippers, are counted from the thumb."""
 PALM = 5
 SLOTS = 32
-GRIPPER = 28
-"""Slot of a hand with a single joint."""
-THUMB = (1, 0, 26, 3, 4)
-"""Slots of a thumb of five joints, the Shadow Hand's."""
-PARALLEL = np.cos(np.pi / 4)
-"""Cosine from which on two directions count as parallel."""
+GRIPPER = 28  # slot of a hand with a single joint
+THUMB = (1, 0, 26, 3, 4)  # slots of a thumb of five joints, the Shadow Hand's
+PARALLEL = np.cos(np.pi / 4)  # cosine from which on two directions count as parallel
 
 
 def tactile_areas(hand: Hand) -> list[int]:  # (S,)

@@ -28,17 +28,15 @@ from pipeline.store.storage import Location
 from pipeline.store.validate import check_origins
 from schemas.touch import TOUCH
 
-DIGITS = 15
-"""Decimals of vertices in OBJ files: all that float64 has of an object of some metres."""
+DIGITS = 15  # decimals of vertices in OBJ files: all that float64 has of an object of some metres
 PHASES = {"pregrasp": "pregrasp_angles", "grasp": "joint_angles", "squeeze": "squeeze_angles"}
 STORED = (*PHASES.values(), "hand_pose", "sensor_pose", "touch_success", "contact_point", "contact_normal", "held", "force", "pressure")
-UNITS = {
+UNITS = {  # of the arrays in `OBJECT.npz`
     **dict.fromkeys(("hand_pose", "sensor_pose", "contact_points"), "metres_per_unit m"),
     **dict.fromkeys(PHASES, "rad, m of a joint that slides"),
     "force": "N",
     "pressure": "Pa",
 }
-"""Of the arrays in `OBJECT.npz`."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,8 +35,7 @@ class Column:
     meaning: str = ""
 
 
-BY_FINGER = ("tactile_image", "depth", "pressure", "force")
-"""Arrays with a column per finger; only an elastic gel has the last two."""
+BY_FINGER = ("tactile_image", "depth", "pressure", "force")  # arrays with a column per finger; only an elastic gel has the last two
 
 
 class Frames:

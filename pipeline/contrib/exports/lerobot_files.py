@@ -22,14 +22,11 @@ from pipeline.contrib.exports.sequence_frames import open_frames
 from pipeline.store.storage import Location
 
 VERSION = "v3.0"
-FILE_BYTES = 100 * 10**6
-"""Size of a data file after which the next one begins, as in LeRobot."""
-CHUNK = 1000
-"""Files per folder."""
+FILE_BYTES = 100 * 10**6  # size of a data file after which the next one begins, as in LeRobot
+CHUNK = 1000  # files per folder
 QUANTILES = {"min": 0.0, "q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99, "max": 1.0}
 """Shares of a column's values, over all frames, by the names that LeRobot normalises by."""
-BLOCK = 2**22
-"""Values that are sorted at a time: memory does not grow with the dataset."""
+BLOCK = 2**22  # values that are sorted at a time: memory does not grow with the dataset
 NAMES = {"unoccluded": "observation.images.unoccluded", "occluded": "observation.images.occluded", "joint_angles": "observation.state"}
 INDEX = {name: Column("int64") for name in ("frame_index", "episode_index", "index", "task_index")}
 

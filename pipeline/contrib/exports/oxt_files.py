@@ -20,9 +20,8 @@ from pipeline.dataset.grasps import grasping_hand
 from pipeline.errors import StoreError
 from pipeline.store.storage import Location
 
-CHUNK_BYTES = 2 * 10**6
-"""Size of a chunk, or that of a frame if it is larger."""
-KINDS = {
+CHUNK_BYTES = 2 * 10**6  # size of a chunk, or that of a frame if it is larger
+KINDS = {  # group of a tactile array, and its type
     "tactile_image": ("image", "image"),
     "touch_success": ("contact", "binary"),
     "force": ("force", "state"),
@@ -33,7 +32,6 @@ KINDS = {
     "slip": ("slip", "matrix"),
     "marker_displacement": ("markers", "matrix"),
 }
-"""Group of a tactile array, and its type."""
 
 END = Column("int64", meaning="Frame after the last one of each episode.")
 TIME = Column("float64", unit="s", meaning="Time since the first frame; grasps follow one second after the last.")

@@ -16,8 +16,7 @@ from pipeline.contrib.exports.sequence_frames import open_frames
 from pipeline.formats.image_file import encode_image
 from pipeline.store.storage import Location
 
-SHARD_BYTES = 100 * 10**6
-"""Size of a shard after which the next one begins, as WebDataset advises."""
+SHARD_BYTES = 100 * 10**6  # size of a shard after which the next one begins, as WebDataset advises
 
 
 def export_webdataset(data: Location, folder: Path, of: str | None = None) -> str:

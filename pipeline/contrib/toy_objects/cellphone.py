@@ -11,8 +11,7 @@ from pipeline.contrib.toy_objects.solids import Color, Material, box, column, ro
 SHELLS: Palette = (*PLASTICS, BLACK, (60, 66, 78), (178, 182, 188), (36, 62, 116), (150, 34, 44), (92, 112, 96), (196, 168, 110))
 DIAL = ("123", "456", "789", "*0#")
 QWERTY = ("QWERTYUIOP", "ASDFGHJKL.", "ZXCVBNM,-/")
-SCALE = 2.5
-"""Pixels per millimetre of a front's picture."""
+SCALE = 2.5  # pixels per millimetre of a front's picture
 
 
 class Leaf:

@@ -40,9 +40,7 @@ class Procedural(ModelledSource):
     """
 
     kind: Literal["procedural"]
-    count: dict[Category, Annotated[int, Field(gt=0)]] = Field(
-        min_length=1, description="Of each class; more of them leave the first ones as they are."
-    )
+    count: dict[Category, Annotated[int, Field(gt=0)]] = Field(min_length=1, description="Of each class; more leave the first as they are.")
     seed: int = Field(ge=0, description="From which their shapes are drawn.")
 
     def list_objects(self, root: Path | None) -> Iterator[Object]:

@@ -16,8 +16,7 @@ from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh_cleaning import group_by_position
 
 BOUNDARY, RING = 12, 6
-CHART_VERTICES = BOUNDARY + RING + 1
-"""Vertices of a chart, in this order: the boundary from the first corner on (corners are 0, 4, 8), the ring, the centre."""
+CHART_VERTICES = BOUNDARY + RING + 1  # in this order: the boundary from the first corner on (corners are 0, 4, 8), the ring, the centre
 CENTRE = CHART_VERTICES - 1
 MAX_SPLITS = 4  # 6144 charts: more would be finer than any image resolves
 

@@ -115,12 +115,11 @@ def split_edges(vertices: Array, faces: Integers, ends: Integers, edge: Integers
     return vertices, np.concatenate(new_faces)
 
 
-SPLITS = {
+SPLITS = {  # the faces that replace a face, by its number of split sides: corners are 0, 1, 2, the middles of the sides after them 3, 4, 5
     1: [[0, 3, 2], [3, 1, 2]],
     2: [[3, 1, 4], [0, 3, 4], [0, 4, 2]],
     3: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]],
 }
-"""The faces that replace a face, by its number of split sides: corners are 0, 1, 2, the middles of the sides after them 3, 4, 5."""
 
 
 def closed_surface(

@@ -114,9 +114,8 @@ def nearest_faces(points: Array, mesh: Mesh) -> tuple[Array, NDArray[np.int64], 
     """Compute the distances (N,) of points (N, 3) from a mesh, m, the nearest faces (N,), and the points (N, 3) there."""
     import igl  # 27 MB, for hands with convex parts only
 
-    squared, face, closest = igl.point_mesh_squared_distance(
-        points, mesh.vertices, without_slivers(mesh.vertices, mesh.faces.astype(np.int64))
-    )
+    faces = without_slivers(mesh.vertices, mesh.faces.astype(np.int64))
+    squared, face, closest = igl.point_mesh_squared_distance(points, mesh.vertices, faces)
     return np.sqrt(squared), face, closest
 
 

@@ -86,9 +86,7 @@ def closure_margin(
     total = np.ones((1, count + 1))
     goal = np.zeros(count + 1)
     goal[-1] = -1
-    solution = scipy.optimize.linprog(
-        goal, A_eq=np.concatenate([balance, total]), b_eq=np.array([0.0] * 6 + [1.0]), bounds=(0, None), method="highs"
-    )
+    solution = scipy.optimize.linprog(goal, A_eq=np.concatenate([balance, total]), b_eq=np.array([0.0] * 6 + [1.0]))
     return round(float(np.clip(solution.x[-1], 0, 1)), MARGIN_DECIMALS) if solution.success else 0.0
 
 

@@ -23,13 +23,7 @@ from pipeline.kernels.hand.distance_field import DistanceField, finger_clearance
 from pipeline.kernels.hand.grid_loops import MILLIMETRE, measure_best
 from pipeline.kernels.hand.kinematics import combine_frames, forward_kinematics
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.hand.self_collision import (
-    choose_postures,
-    finger_conflicts,
-    fingers_clear_of_palm,
-    frequent_overlaps,
-    remedy,
-)
+from pipeline.kernels.hand.self_collision import choose_postures, finger_conflicts, fingers_clear_of_palm, frequent_overlaps, remedy
 from pipeline.kernels.touch.sensor import Sensor
 
 LIMIT_MARGIN, LIMIT_SHARE = 0.01, 0.02  # rad from the limits, for a motor's error; at most this share of the range

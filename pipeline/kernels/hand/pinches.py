@@ -147,9 +147,7 @@ def _offsets(ik: GraspIk, angles: Array, pair: tuple[int, int], width: Array) ->
     """Compute the deviations (N, 6) of two gels from facing each other across a width (N,), in units of the allowed ones."""
     points, normals = _gels(ik, forward_kinematics(ik.hand, np.eye(4), angles), pair)
     axis = unit_vectors(normals[:, 0] - normals[:, 1])
-    return np.concatenate(
-        [(points[:, 1] - points[:, 0] - width[:, None] * axis) / SIDE, (normals[:, 0] + normals[:, 1]) / SIN_FACING], axis=1
-    )
+    return np.hstack([(points[:, 1] - points[:, 0] - width[:, None] * axis) / SIDE, (normals[:, 0] + normals[:, 1]) / SIN_FACING])
 
 
 def _facing_samples(ik: GraspIk, pair: tuple[int, int], fingers: list[int]) -> Indices:

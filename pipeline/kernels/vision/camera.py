@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, model_validator
 
-from pipeline.entries import Entries
+from pipeline.entries import Entries, Range
 from pipeline.kernels.arrays import Array, Floats
 from pipeline.kernels.geometry.transforms import compose, invert_pose, invert_similarity, length, pose_of, rotation_from_euler
 
@@ -32,16 +32,9 @@ FARTHEST = 1.75  # distance of the renderings' camera from the origin where the 
 class DrawnViews(Entries):
     """Where a camera is in each image, drawn evenly; it looks at the object's middle, its top upwards."""
 
-    distance: tuple[Distance, Distance] = Field(description="from the middle of the object, m: least and most")
-    elevation: tuple[Elevation, Elevation] = Field(description="above the horizon, degrees: least and most")
-    azimuth: tuple[Angle, Angle] = Field((-180.0, 180.0), description="about the world's +z, from +x, degrees: least and most")
-
-    @model_validator(mode="after")
-    def _in_order(self) -> "DrawnViews":
-        for name, (least, most) in self:
-            if least > most:
-                raise ValueError(f"{name} is [{least:g}, {most:g}]; put the smaller number first")
-        return self
+    distance: Range[Distance] = Field(description="from the middle of the object, m: least and most")
+    elevation: Range[Elevation] = Field(description="above the horizon, degrees: least and most")
+    azimuth: Range[Angle] = Field((-180.0, 180.0), description="about the world's +z, from +x, degrees: least and most")
 
     def draw(self, rng: np.random.Generator, middle: Array) -> Array:  # (3,) world, m
         """Draw the position of a camera around a point."""
@@ -62,22 +55,16 @@ class Camera(Entries):
     """A pinhole camera that looks along its own -z with +y up (OpenGL's and Blender's convention)."""
 
     position: tuple[Coordinate, Coordinate, Coordinate] = Field(description="optical centre, world frame, m")
-    rotation: tuple[Angle, Angle, Angle] = Field(
-        description="extrinsic XYZ Euler angles, degrees: about the world's x first, then its y, then its z"
-    )
+    rotation: tuple[Angle, Angle, Angle] = Field(description="extrinsic XYZ Euler angles, degrees: about the world's x, then y, then z")
     focal: tuple[Focal, Focal] = Field(description="focal lengths (x, y), pixels")
     centre: tuple[Pixels, Pixels] = Field(description="principal point (column, row) from the image's top left corner, pixels")
-    resolution: int = Field(
-        256, gt=0, le=MAX_RESOLUTION, description="of a square image, the pixels per side that `focal` and `centre` are in"
-    )
+    resolution: int = Field(256, gt=0, le=MAX_RESOLUTION, description="of a square image, pixels per side that `focal` and `centre` are in")
     name: str = Field(pattern=r"^[A-Za-z0-9._-]{1,60}$", description="labels its images")
     size: tuple[Side, Side] | None = Field(
         default=None, description="columns and rows of its images, regardless of `render-vision.resolution`; by default square"
     )
 
-    drawn: DrawnViews | None = Field(
-        default=None, description="from where each of its images is taken instead; pictures of a check are from `position`"
-    )
+    drawn: DrawnViews | None = Field(default=None, description="where each image is taken instead; pictures of a check are from `position`")
 
     @model_validator(mode="after")
     def _has_one_size(self) -> "Camera":

@@ -92,9 +92,8 @@ def mesh_primitives(mesh: Mesh) -> list[Primitive]:
 
 def faces_by_material(look: Look) -> list[tuple[list[int], Indices]]:
     """Group faces by appearance: [red, green, blue, texture index or -1], and the numbers of the faces that have it."""
-    materials, material_of = np.unique(
-        np.column_stack([look.base_color[:, :3], look.material_texture]).astype(np.int64), axis=0, return_inverse=True
-    )
+    looks = np.column_stack([look.base_color[:, :3], look.material_texture]).astype(np.int64)
+    materials, material_of = np.unique(looks, axis=0, return_inverse=True)
     material_of_face = material_of.reshape(-1)[look.face_material]
     groups = [(material, np.flatnonzero(material_of_face == number)) for number, material in enumerate(materials.tolist())]
     return [(material, faces) for material, faces in groups if len(faces)]

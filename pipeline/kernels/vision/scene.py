@@ -23,9 +23,7 @@ class Label(IntEnum):
 class Lamp(Entries):
     """A point light whose intensity falls off with the square of the distance; it casts no shadow."""
 
-    position: tuple[Coordinate, Coordinate, Coordinate] = Field(
-        description="world frame, m; a surface point at this position is not lit by the lamp"
-    )
+    position: tuple[Coordinate, Coordinate, Coordinate] = Field(description="world frame, m; a surface point there is not lit by the lamp")
     intensity: float = Field(
         gt=0, le=1e6, description="a white surface that faces the lamp at d metres shows `intensity` / d² (linear; 1 and more is white)"
     )

@@ -103,7 +103,7 @@ def test_drawn_cameras_look_at_the_object_from_their_ranges_and_show_it_as_large
         assert project_points(matrix, POSITION) == pytest.approx([32, 32])
     areas = [(view == 1).sum() for view in (row["segmentation"][0, 0], other["segmentation"][0, 0])]
     assert areas[0] == pytest.approx(areas[1], rel=0.05)
-    for fault, words in ({"distance": [0.8, 0.3]}, "smaller number first"), ({"elevation": [0, 90]}, "elevation"):
+    for fault, words in ({"distance": [0.8, 0.3]}, "the least comes first"), ({"elevation": [0, 90]}, "elevation"):
         path.write_text(json.dumps(described | {"cameras": [described["cameras"][0] | {"drawn": drawn | fault}]}))
         with pytest.raises(InvalidInput, match=words):
             load_scene(path)

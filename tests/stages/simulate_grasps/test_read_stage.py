@@ -145,7 +145,7 @@ def test_wrong_grasps_are_named_and_the_others_are_read(arrays, copy, tmp_path):
         "its limits are",
         "inside",
         "no value for",
-        "positions are in m, those of .npz in the unit",
+        "positions are in m, of .npz in its file's unit",
         "in the squeeze",
         "is there twice",
     )
@@ -200,7 +200,7 @@ def test_object_without_usable_grasps_fails_with_the_reason(arrays, copy, tmp_pa
     made = run_on(copy, tmp_path / "in")
     assert made.text.startswith("made 0 objects")
     (failure,) = made.failures.values()
-    assert "none of its 2 grasps can be used; bottle-0000.npz, grasp 0: it is of an object of" in failure.reason
+    assert "none of its 2 grasps is usable; bottle-0000.npz, grasp 0: it is of an object of" in failure.reason
 
 
 def test_grasps_without_object_and_objects_without_grasps_are_named(copy, tmp_path):

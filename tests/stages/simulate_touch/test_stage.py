@@ -214,7 +214,7 @@ def test_sensors_other_than_those_of_the_hand_are_refused(tmp_path: Path) -> Non
     for worn, files, words in (
         (WORN, list(WORN), "the file of sensor gel_16mm has changed since the grasps were made"),
         (WORN, ["other"], r"the hand wears \['other'\], simulate-touch.sensors is .*gel_16mm"),
-        (mixed, list(mixed), "soft_100000.yaml would have and gel_16mm not"),
+        (mixed, list(mixed), "soft_100000.yaml but not of gel_16mm"),
     ):
         with pytest.raises(InvalidInput, match=words):
             check(worn, files, none)
