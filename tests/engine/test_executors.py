@@ -163,7 +163,7 @@ def test_session_that_cannot_open_ends_the_run_and_fails_no_object(tmp_path):
 
 def test_worker_that_dies_while_opening_its_session_is_replaced_once(tmp_path):
     assert run(request(tmp_path, stage=DiesOpening(tmp_path / "flag", once=True), executor=WorkerProcesses(1))) == 5
-    with pytest.raises(StageError, match=r"make-noise cannot start: its process died each time while it opened .* fewer --workers"):
+    with pytest.raises(StageError, match=r"make-noise cannot start: its process died each time .* fewer --workers"):
         run(request(tmp_path, stage=DiesOpening(tmp_path / "none", once=False), executor=WorkerProcesses(1), seed=1))
 
 
