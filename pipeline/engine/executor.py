@@ -166,7 +166,7 @@ def close_session() -> None:
 
 def opening_error(stage: str) -> StageError:
     """Describe a session whose process dies each time while it opens."""
-    return StageError(f"{stage} cannot start: its process died each time (out of memory?); run again, with fewer --workers")
+    return StageError(f"{stage} cannot start: its process died each time (killed, or out of memory?); run again, with fewer --workers")
 
 
 def record_crash(work: Work, unit: Unit, *, timed_out: bool) -> Result:

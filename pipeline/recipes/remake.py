@@ -122,7 +122,9 @@ def _listed(recipe: Recipe, objects: Path | None) -> list[Object]:
             f"{abbreviate([recipe.rows[name].source for name in missing])}; {_where(manifest)}"
         )
     if extra := sorted(listed_ids - recipe.rows.keys()):
-        raise InvalidInput(f"{pluralise(len(extra))} not in the recipe ({abbreviate(extra)}); move their files out of {objects}")
+        raise InvalidInput(
+            f"{pluralise(len(extra))} not in the recipe ({abbreviate(extra)}) would change the splits; move their files out of {objects}"
+        )
     return manifest.objects(root)
 
 

@@ -86,7 +86,10 @@ class OpenGLContext:
                 self._renderer._program_cache = ShaderProgramCache(shader_dir=str(shader_paths()[0].parent))
                 self._place = cache(GL.glGetUniformLocation)
         except Exception as error:  # EGL, PyOpenGL and pyrender each fail in their own way, AttributeError among them
-            raise NoOpenGL(f"headless OpenGL (EGL) does not start: {error!r}; on Debian or Ubuntu, apt-get install {PACKAGES}") from error
+            raise NoOpenGL(
+                f"headless OpenGL (EGL), which render-vision alone needs, does not start: {error!r}; on Debian or Ubuntu, "
+                f"apt-get install {PACKAGES}"
+            ) from error
 
     def upload(self, primitive: Primitive) -> Surface:
         """Bring triangles into OpenGL's memory, and link the programs that draw them."""

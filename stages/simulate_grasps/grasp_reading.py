@@ -114,7 +114,10 @@ class GraspReader:
             start, steps = opened if start is None else start, self.settings.settle_steps
             grasp, rests = self.physics.settle(pose, start, pressed, max_steps=steps, resting_speed=RESTING_SPEED)
             if not rests:
-                raise InvalidInput(f"fingers still move after {steps} read-grasps.settle_steps: does `vt-pipeline check` name overlaps?")
+                raise InvalidInput(
+                    f"fingers still move after {steps} steps (read-grasps.settle_steps): does `vt-pipeline check` of the hand file name "
+                    "links that overlap?"
+                )
             grasp, within = self.measured.closed(pose, start, grasp)
             if not within:
                 raise InvalidInput(f"{OVERLOADED}: is the pregrasp clear of the object?")
