@@ -68,8 +68,12 @@ class ImplicitSettings(ReconstructionSettings):
         500, "half an hour of one core for 168 objects; draft's 100 take a fifth of it, and docs/results.md has what they leave", ge=1
     )
     queries: int = setting(500, "points per item at which distances are learned", ge=1)
-    near_touches: float = setting(
-        0.0, "share of these points that are drawn among the sixteenth of an object's that is nearest to the touches given", ge=0, le=1
+    near_touches: float | None = setting(
+        None,
+        "share of these points that are drawn among the sixteenth of an object's that is nearest to the touches given; null: 0.3 for "
+        "implicit-gels, else none",
+        ge=0,
+        le=1,
     )
     validation_queries: int = setting(4000, "points per validation item", ge=1)
     samples_per_object: int = setting(
@@ -103,6 +107,10 @@ class ImplicitSettings(ReconstructionSettings):
         return self.dropped_image, self.dropped_grasps
 
     @property
+    def share_near_touches(self) -> float:
+        return (0.0 if self.inputs.takes_charts else 0.3) if self.near_touches is None else self.near_touches
+
+    @property
     def touch_dropout(self) -> float:
         return (0.1 if self.inputs.image == "any" else 0.0) if self.dropped_touches is None else self.dropped_touches
 
@@ -125,7 +133,7 @@ class ImplicitLearner(ReconstructionLearner):
         import torch
 
         count = self.settings.validation_queries if validates else self.settings.queries
-        share = 0.0 if validates else self.settings.near_touches
+        share = 0.0 if validates else self.settings.share_near_touches
         queries, distances = [], []
         for item, observation, generator in zip(numbers, observations, generators, strict=True):
             object_id = items.object_of(item)

@@ -127,7 +127,7 @@ def remarks(settings: ReconstructionSettings, items: "Items") -> Iterator[str]:
 
     inputs, fields = settings.inputs, type(settings).model_fields
     uses: dict[str, object] = {name: inputs.image for name in ("image_", "encoder_")}
-    uses |= {name: inputs.touch for name in ("touch_reach", "touch_edges", "dropped_touches", "min_grasps", "max_grasps")}
+    uses |= {name: inputs.touch for name in ("touch_reach", "touch_edges", "dropped_touches", "near_touches", "min_grasps", "max_grasps")}
     uses |= {"dropped_image": inputs.image == "any", "dropped_grasps": inputs.image == "any"}
     uses |= {"placement_error": inputs.image and inputs.touch}
     for name, field in fields.items():
