@@ -99,7 +99,7 @@ def summary(
     data: DataArgument,
     most: Annotated[int, Option(min=1, help="Maximum number of objects to draw, spread evenly.")] = 40,
 ) -> None:
-    """Print a dataset's statistics; draw contact sheets, and animations of slides and lifts."""
+    """Print a dataset's statistics; draw sheets, and animations of slides and lifts."""
     from pipeline.drawing.contact_sheet import SHOWN, contact_sheets, sequence_animations
     from pipeline.tables.touch_tables import read_touches, sequence_tables, touch_tables
 

@@ -63,7 +63,7 @@ def test_changed_module_rehashes_the_stages_that_depend_on_it_only(tmp_path):
         "pipeline/rng.py": sorted(MODULES),
         "pipeline/store/shard.py": [],
         "pipeline/engine/make.py": [],
-        "pipeline/kernels/geometry/exterior_sampling.py": ["stages.sample_surfaces"],
+        "pipeline/kernels/geometry/exterior_sampling.py": ["stages.evaluate.stage", "stages.sample_surfaces"],
         "pipeline/kernels/vision/primitives.py": ["stages.render_vision.stage"],
         "pipeline/kernels/touch/tactile_image.py": ["stages.simulate_presses", "stages.simulate_slides", "stages.simulate_touch"],
         "pipeline/kernels/networks/unet.py": ["stages.fit_charts", "stages.train_touch", "stages.train_unet"],

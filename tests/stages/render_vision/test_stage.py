@@ -133,7 +133,7 @@ def test_cameras_need_not_be_square_but_have_one_size(tmp_path) -> None:
 
 
 def test_hand_other_than_that_of_the_grasps_is_refused() -> None:
-    with pytest.raises(InvalidInput, match=r"with hand other, render-vision.hand is allegro_right; leave it out, or set --set hand=other"):
+    with pytest.raises(InvalidInput, match=r"of hand other, render-vision.hand is allegro_right; leave it out, or --set hand=other"):
         STAGE.check_inputs(VisionSettings(hand=HAND), {"grasps": {"settings": {"hand": "other"}, "hand": {"digest": "0" * 64}}})
 
 
