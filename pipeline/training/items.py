@@ -35,18 +35,18 @@ TOUCHES = 2**14  # grasps whose touches are kept in memory, some 20 kB each: to 
 TARGETS = 128  # objects whose points are kept in memory with their search tree, half a megabyte each
 
 
-class _Kept(dict[Any, Any]):
-    """The last values that a function made, by its arguments; unlike an `lru_cache`, other processes can be sent it."""
+class _Kept:
+    """Gives the last values that a function made, by its arguments; unlike an `lru_cache`, other processes can be sent it."""
 
     def __init__(self, make: Callable[..., Any], most: int) -> None:
-        self.make, self.most = make, most
+        self._make, self._most, self._values = make, most, dict[Any, Any]()
 
     def __call__(self, *key: Any) -> Any:
-        if key not in self:
-            if len(self) == self.most:
-                del self[next(iter(self))]
-            self[key] = self.make(*key)
-        return self[key]
+        if key not in self._values:
+            if len(self._values) == self._most:
+                del self._values[next(iter(self._values))]  # the oldest
+            self._values[key] = self._make(*key)
+        return self._values[key]
 
 
 class Items:
