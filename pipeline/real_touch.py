@@ -81,10 +81,10 @@ class TouchReader:
     """Reads photographs of one sensor with its network.
 
     By default that is `NAME-touch` beside the sensor file, else the pretrained network for the sensor. Either must have been trained for
-    the sensor as its file describes it, but for its pixels and its gel's modulus. Photographs that look altered as a whole are errors
-    unless `accept_photographs`: by exchanged colours, turned, mirrored, grey, with another exposure, white balance, contrast or hue, of
-    another sensor, or touched and untouched exchanged. Dots that are printed on the gel are filled in; a reader of slides also follows them
-    from each photograph to the next, and reads shear, forces and torque. Its sensor has an elastic `gel`.
+    the sensor as its file describes it, but for its pixels, its dots, and its gel's modulus and friction. Photographs that look altered as
+    a whole are errors unless `accept_photographs`: by exchanged colours, turned, mirrored, grey, with another exposure, white balance,
+    contrast or hue, of another sensor, or touched and untouched exchanged. Dots that are printed on the gel are filled in; a reader of
+    slides also follows them from each photograph to the next, and reads shear, forces and torque. Its sensor has an elastic `gel`.
     """
 
     def __init__(
@@ -159,7 +159,7 @@ def write_reading(reading: TouchReading, folder: Path, name: str) -> None:
     for label, pixels in pictures.items():
         write_atomically(folder / f"{name}-{label}.png", encode_image(pixels), durable=False)
     write_atomically(folder / f"{name}.ply", _ply(reading.points, normals[reading.contact]), durable=False)
-    group = zarr.open_group(folder / ZARR, mode="a").require_group(name)
+    group = zarr.open_group(folder / ZARR, mode="a").create_group(name, overwrite=True)
     group.attrs["rim_pressed"] = reading.rim_pressed
     arrays: dict[str, tuple[np.ndarray, tuple[str, ...], dict[str, Any]]] = {
         "indentation": (reading.indentation, ("row", "col"), {"units": "m"}),
@@ -168,7 +168,7 @@ def write_reading(reading: TouchReading, folder: Path, name: str) -> None:
     }
     if (slid := reading.slid) is not None:
         shear, frame = slid.shear, {"frame": "sensor"}
-        group.attrs.update(force=shear.force.tolist(), torque=shear.torque, misfit=shear.misfit, pressure_seen=shear.explained)
+        group.attrs.update(force=shear.force.tolist(), torque=shear.torque, misfit=shear.misfit, explained=shear.explained)
         arrays |= {
             "pressure": (shear.pressure.astype(np.float32), ("row", "col"), {"units": "Pa"}),
             "traction": (shear.traction.astype(np.float32), ("row", "col", "xy"), {"units": "Pa"} | frame),
@@ -177,7 +177,7 @@ def write_reading(reading: TouchReading, folder: Path, name: str) -> None:
             "marker_displacement": (slid.moved, ("marker", "xy"), {"units": "m"} | frame),
         }
     for key, (values, dims, attributes) in arrays.items():
-        group.create_array(key, data=np.ascontiguousarray(values), dimension_names=dims, attributes=attributes, overwrite=True)
+        group.create_array(key, data=np.ascontiguousarray(values), dimension_names=dims, attributes=attributes)
 
 
 def _ply(points: NDArray[np.float64], normals: NDArray[np.float32]) -> bytes:

@@ -28,7 +28,7 @@ def over_time(
         "pressure": Array(f"{dims} row col", "float32", "Pa", "Normal pressure, to 12 binary digits; 0 outside the contact."),
         "shear": Array(f"{dims} row col xy", "float32", "m", "Displacement of the gel's surface from its rest, in multiples of 2^-22 m."),
         "traction": Array(f"{dims} row col xy", "float32", "Pa", "Tangential traction, at most friction times pressure; 12 binary digits."),
-        "slip": Array(f"{dims} row col xy", "float32", "m", "How far the object slid in the step, to 12 binary digits; else 0."),
+        "slip": Array(f"{dims} row col xy", "float32", "m", "How far the object slid in the step, to 12 binary digits; 0 if it sticks."),
         "slip_share": Array(dims, "float32", "1", "Share of the contact that slips; 0 without contact."),
         "gross_slip": Array(dims, "bool", "1", "Whether the object touches and sticks nowhere."),
         "force": Array(f"{dims} xyz", "float32", "N", "Force on the gel, sensor frame; z points out of it: a press is negative."),

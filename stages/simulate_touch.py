@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.settings import ObjectSettings, described_by, setting
+from pipeline.config.settings import ObjectSettings, defining, described_by, setting
 from pipeline.console import pluralise
 from pipeline.dataset.grasps import grasping_hand
 from pipeline.dataset.mesh_rows import read_mesh
@@ -38,9 +38,7 @@ if TYPE_CHECKING:
 class TouchSettings(ObjectSettings):
     """How depth maps and tactile images are simulated (supplement 1.5)."""
 
-    sensors: tuple[Annotated[str, described_by("sensor")], ...] | None = setting(
-        None, "null: the sensors mounted on the hand", changes="definition"
-    )
+    sensors: tuple[Annotated[str, described_by("sensor")], ...] | None = defining(None, "null: the sensors mounted on the hand")
     tracer: Literal["ray", "sphere"] = setting(
         "ray",
         "exact, and about a hundred times faster than the supplement's `sphere`, which stops `sphere_tolerance` before the surface",
@@ -62,27 +60,25 @@ class TouchSettings(ObjectSettings):
         18, "depth beyond the gel, which no tactile image shows: error at most 2 µm, a fifth fewer bytes", ge=10, le=40
     )
     store_points: bool = setting(False, "local points follow from depth and pose bit for bit, and would be three quarters of the bytes")
-    sequence: Literal["lift"] | None = setting(
+    sequence: Literal["lift"] | None = defining(
         None,
         "lift: how the gels, which must be elastic, carry the object that each grasp lifts: shear, slip and forces over time, 5 s per "
         "grasp; null: none is computed",
-        changes="definition",
     )
-    lift_steps: int = setting(
-        32, "an eighth until the object is free, then its weight grows on the gels until half are over", ge=8, le=1000, changes="definition"
+    lift_steps: int = defining(
+        32, "an eighth until the object is free, then its weight grows on the gels until half are over", ge=8, le=1000
     )
-    lift_rate: float = setting(32.0, "steps per second: the lift takes the second of the hold test", gt=0, le=1000, changes="definition")
-    lift_mass: float | None = setting(None, "kg of any object; null: simulate-grasps.hold_mass", gt=0, le=1000, changes="definition")
-    lift_squeeze: float | None = setting(
+    lift_rate: float = defining(32.0, "steps per second: the lift takes the second of the hold test", gt=0, le=1000)
+    lift_mass: float | None = defining(None, "kg of any object; null: simulate-grasps.hold_mass", gt=0, le=1000)
+    lift_squeeze: float | None = defining(
         None,
         "m further along its normal at which the gel that is pressed most presses with nothing, for motors are springs; 0: fingers stay "
         "still; null: simulate-grasps.squeeze",
         ge=0,
         le=1,
-        changes="definition",
     )
-    lift_friction: Friction | None = setting(
-        None, "coefficient of object and those gels whose sensors' files state none; null: the hand's", changes="definition"
+    lift_friction: Friction | None = defining(
+        None, "coefficient of object and those gels whose sensors' files state none; null: the hand's"
     )
     lift_store: tuple[Quantity, ...] | None = setting(
         ("tactile_image", "pressure", "shear", "slip", "slip_share", "gross_slip", "force", "torque"),

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
 
-from pipeline.config.settings import setting
+from pipeline.config.settings import defining, setting
 from pipeline.engine.stage import Cost, Trade
 from pipeline.kernels.charts.touch_chart import SIDE
 from pipeline.kernels.geometry.mesh import mesh_edges
@@ -30,7 +30,7 @@ class GcnSettings(ReconstructionSettings):
 
     configurations = CONFIGURATIONS
 
-    configuration: str = setting("occluded-touch", f"which of the supplement's networks: {', '.join(CONFIGURATIONS)}", changes="definition")
+    configuration: str = defining("occluded-touch", f"which of the supplement's networks: {', '.join(CONFIGURATIONS)}")
     gcn_layers: int | None = setting(8, "for trainings of minutes on a CPU; null is the table's 15 to 25", ge=2, le=1000)
     gcn_features: int | None = setting(96, "likewise; null is the table's 200 or 250", ge=3, le=2**16)
     encoder_layers: Literal[12, 15, 18, 25] | None = setting(None, "the table's; 12, 15 or 18 of 3.4's grid")
@@ -71,14 +71,14 @@ class SingleImageSettings(GcnSettings):
 
     configurations = {"single-image": SINGLE_IMAGE}  # noqa: RUF012
 
-    configuration: Literal["single-image"] = setting("single-image", "the only network", changes="definition")
+    configuration: Literal["single-image"] = defining("single-image", "the only network")
     encoder_layers: Literal[12, 15, 18, 25] | None = setting(None, "the table's 25; the others are for images of 256 pixels")
     encoder_linear: int | None = setting(None, "features that the pooled ones become; null is the table's 250", ge=1, le=2**16)
     learning_rate: float = setting(3e-3, "for trainings of minutes; the supplement has 1e-5, for three days", gt=0, le=100)
     batch_size: int = setting(4, "more steps in the time; the supplement has 64", ge=1)
     epochs: int = setting(30, "minutes on a CPU; the supplement has at most 40, of more objects and all views", ge=1)
     patience: int | None = setting(None, "the supplement names none", ge=1)
-    training_seed: Literal[0] = setting(0, "there is one training", changes="definition")
+    training_seed: Literal[0] = defining(0, "there is one training")
     min_grasps: Literal[1] = setting(1, "one image")
     max_grasps: Literal[1] = setting(1, "one image")
     samples_per_object: int = setting(5, "views per object and epoch; drawn one by one, where they are fewer than all 24", ge=1)

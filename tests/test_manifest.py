@@ -113,8 +113,8 @@ def test_different_checksum_is_an_error(tmp_path):
     ("change", "reason"),
     [
         ({"colour": "red"}, "colour"),
-        ({"splits": {"train": 0.5, "valid": 0.1, "test": 0.1}}, r"0.5 \+ 0.1 \+ 0.1 = 0.7; shares sum to 1"),
-        ({"splits": {"train": 0.7, "valid": 0.3, "test": 0.15}}, r"= 1.15; shares sum to 1, counts are whole"),
+        ({"splits": {"train": 0.5, "valid": 0.1, "test": 0.1}}, r"0.5 \+ 0.1 \+ 0.1 = 0.7; shares must sum to 1"),
+        ({"splits": {"train": 0.7, "valid": 0.3, "test": 0.15}}, r"= 1.15; shares must sum to 1, counts be whole"),
         ({"descriptoin": "x"}, "there is no entry descriptoin, did you mean description\\?"),
         (
             {"sources": [{"kind": "cloud", "licence": "x"}]},

@@ -113,7 +113,7 @@ def read_touch(
     sensor: Annotated[str, Option(help="A sensor file, or the name of a built-in sensor.")],
     photographs: Annotated[Path | None, Argument(help="A photograph, or a folder of them; not with --camera.")] = None,
     out: Annotated[Path | None, Option(help="Folder for depth, contact, normals and points; else they are printed alone.")] = None,
-    model: Annotated[Path | None, Option(help="Its folder; by default NAME-touch beside the sensor file, else the pretrained one.")] = None,
+    model: Annotated[Path | None, Option(help="Of the network; by default NAME-touch beside the sensor file, or pretrained.")] = None,
     camera: Annotated[int | None, Option(min=0, help="Number of a camera, as OpenCV counts them.")] = None,
     accept_photographs: Annotated[
         bool,
@@ -177,7 +177,7 @@ def read_touch(
     if steps:
         friction, slid_in = sliding(*np.array(steps).T)
         there = f"; if that is all, most of the contact slides in {pluralise(int(slid_in.sum()), 'photograph')}"
-        print_lines("friction is not known: no pressure is" if np.isnan(friction) else f"friction {friction:.2f} or more{there}")
+        print_lines("friction is not known: no contact shows" if np.isnan(friction) else f"friction {friction:.2f} or more{there}")
     if failed:
         more = f"\nand {len(failed) - NAMED} more" if len(failed) > NAMED else ""
         raise InvalidInput(f"{pluralise(len(failed), 'photograph')} failed:\n" + "\n".join(failed[:NAMED]) + more)

@@ -45,7 +45,7 @@ class Splits(Entries):
     @model_validator(mode="after")
     def _sum(self) -> "Splits":
         if not self.are_counts and abs(self._total - 1) > 1e-9:
-            raise ValueError(f"{self.train:g} + {self.valid:g} + {self.test:g} = {self._total:g}; shares sum to 1, counts are whole")
+            raise ValueError(f"{self.train:g} + {self.valid:g} + {self.test:g} = {self._total:g}; shares must sum to 1, counts be whole")
         return self
 
 

@@ -43,7 +43,7 @@ class Source(Entries):
 
     kind: str = Field(description="Which kind of source it is, of those below or of a package that declares it.")
     licence: str = Field(min_length=1, description="Of the meshes; recorded with every object.")
-    sha256: str | None = Field(None, pattern="[0-9a-f]{64}", description="Checksum of all mesh files together; the error states another.")
+    sha256: str | None = Field(None, pattern="[0-9a-f]{64}", description="Checksum of mesh files; an error states theirs if it differs.")
     split: Literal["train", "valid", "test"] | None = Field(
         None, description="Of all its objects, instead of one that is drawn for each: `test` for a source that no network is to learn from."
     )

@@ -55,7 +55,7 @@ class ObservedCamera(FileEntries):
         default=None, description="not 0 where the photograph shows the object; without it, all that differs in colour from the border"
     )
     hand_mask: Mask | None = Field(default=None, description="not 0 where it shows the robot in front of the object")
-    depth: Depth | None = Field(default=None, description="along the viewing direction, registered to the photograph: 16-bit PNG or .npy m")
+    depth: Depth | None = Field(default=None, description="along the viewing direction, registered to the image: 16-bit PNG, or .npy, m")
     depth_scale: float = Field(default=1e-3, gt=0, le=1, description="m per level of a 16-bit depth image; 0.001 for mm")
     depth_as_touch: bool = Field(
         default=False, description="give networks with touch visible points of `depth`: for errors up to 0.4 % of its size; needs `mask`"

@@ -33,7 +33,7 @@ def part_tables(
         for grasps in figures.grasps:
             given = grasps if name in touch_networks else 0 if name in networks else None
             whole, *parts = (estimate(figures, grasps, metric, 1e3) for metric in DISTANCES.values())
-            median = 1e3 * float(np.median(figures.by_object("mean_distance", grasps)))
+            median = 1e3 * float(np.nanmedian(figures.by_object("mean_distance", grasps)))
             shares = [estimate(figures, grasps, metric, 100) for metric in SHARES.values()]
             rows.append(Row([label(name), given, whole, median, *parts, *shares], dim=name in baselines))
     part_names = [f"{text}, mm" for text in LABELS.values()]

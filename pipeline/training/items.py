@@ -1,9 +1,9 @@
 """Training items: an object, the number and choice of its grasps; and their random variation, in colours, sensors and pose."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,20 @@ TOUCHES = 2**14  # grasps whose touches are kept in memory, some 20 kB each: to 
 TARGETS = 128  # objects whose points are kept in memory with their search tree, half a megabyte each
 
 
+class _Kept:
+    """Gives the last values that a function made, by its arguments; unlike an `lru_cache`, other processes can be sent it."""
+
+    def __init__(self, make: Callable[..., Any], most: int) -> None:
+        self._make, self._most, self._values = make, most, dict[Any, Any]()
+
+    def __call__(self, *key: Any) -> Any:
+        if key not in self._values:
+            if len(self._values) == self._most:
+                del self._values[next(iter(self._values))]  # the oldest
+            self._values[key] = self._make(*key)
+        return self._values[key]
+
+
 class Items:
     """Read the objects of a split as a network's inputs; read only the arrays that it takes."""
 
@@ -50,8 +64,7 @@ class Items:
     ) -> None:
         self.rows = ObjectRows(data, (*learned, *observed_arrays(config)), split, cache_megabytes=cache_megabytes)
         self.config, self.items_per_object = config, items_per_object
-        self._targets: dict[str, SearchCloud] = {}
-        self._touches = lru_cache(TOUCHES)(partial(grasp_touches, self.rows, config=config))
+        self._targets, self._touches = _Kept(self._read_target, TARGETS), _Kept(partial(grasp_touches, self.rows, config=config), TOUCHES)
 
     def __len__(self) -> int:
         return len(self.rows) * self.items_per_object
@@ -79,12 +92,11 @@ class Items:
 
     def target(self, item: int) -> SearchCloud:
         """Read the object's points, (N, 3) float32, world, m, scaled as its observations are."""
-        object_id = self.object_of(item)
-        if object_id not in self._targets:
-            if len(self._targets) == TARGETS:
-                del self._targets[next(iter(self._targets))]  # the oldest
-            self._targets[object_id] = SearchCloud(torch.tensor(self.scaled(self.rows.read("points", object_id), object_id)))
-        return self._targets[object_id]
+        target: SearchCloud = self._targets(self.object_of(item))
+        return target
+
+    def _read_target(self, object_id: str) -> SearchCloud:
+        return SearchCloud(torch.tensor(self.scaled(self.rows.read("points", object_id), object_id)))
 
     def object_of(self, item: int) -> str:
         """Name an item's object."""

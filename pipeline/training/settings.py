@@ -6,7 +6,7 @@ from typing import ClassVar, Literal, Self
 
 from pydantic import model_validator
 
-from pipeline.config.settings import Settings, setting
+from pipeline.config.settings import Settings, defining, setting
 from pipeline.errors import unknown_name
 from pipeline.kernels.networks.network_configurations import NetworkInputs
 
@@ -67,12 +67,9 @@ class ReconstructionSettings(TrainingSettings):
 
     configurations: ClassVar[Mapping[str, NetworkInputs]]  # the family's networks by name
 
-    configuration: str = setting(..., "which network", changes="definition")
-    training_seed: int = setting(
-        0,
-        "another seed trains the same network with other random draws, into its own folder below models/seed-1 and so on",
-        ge=0,
-        changes="definition",
+    configuration: str = defining(..., "which network")
+    training_seed: int = defining(
+        0, "another seed trains the same network with other random draws, into its own folder below models/seed-1 and so on", ge=0
     )
     pretrained: str | None = setting(
         None,

@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Console
 
 from pipeline.config.manifest import load_manifest
-from pipeline.config.settings import setting
+from pipeline.config.settings import defining
 from pipeline.config.sources import Object, identity
 from pipeline.dataset.object_rows import ObjectRows, sensors_of
 from pipeline.engine.make import make
@@ -48,19 +48,19 @@ from stages.evaluate.stage import Evaluation, GraspMeasuringSettings, artifacts_
 class ScoreSettings(GraspMeasuringSettings):
     """Choose which files `vt-pipeline score` measures, and how; these settings are the command's."""
 
-    method: str = setting(..., "name of the method, in tables", changes="definition", pattern=METHOD_NAME)
-    files: str = setting(..., "SHA-256 of all files of the folder, with their names", changes="definition")
-    given: int = setting(1, "grasps that the files in the folder itself were made from", ge=1, changes="definition")
-    misplaced: bool = setting(False, "whether reconstructions that are far from their objects are measured too", changes="definition")
+    method: str = defining(..., "name of the method, in tables", pattern=METHOD_NAME)
+    files: str = defining(..., "SHA-256 of all files of the folder, with their names")
+    given: int = defining(1, "grasps that the files in the folder itself were made from", ge=1)
+    misplaced: bool = defining(False, "whether reconstructions that are far from their objects are measured too")
 
 
 class ShippedSettings(GraspMeasuringSettings):
     """Choose the inputs of the pretrained network; these settings are those of `vt-pipeline report --shipped`."""
 
-    configurations: tuple[str, ...] = setting(..., "its inputs: rows of the tables", changes="definition")
-    weights: str = setting(..., "SHA-256 of the record of the weights", changes="definition")
-    learned_from: tuple[str, ...] = setting((), "test objects that it has learned from", changes="definition")
-    not_learned: tuple[str, ...] = setting((), "what of the dataset it has not learned: sizes, gels, cameras", changes="definition")
+    configurations: tuple[str, ...] = defining(..., "its inputs: rows of the tables")
+    weights: str = defining(..., "SHA-256 of the record of the weights")
+    learned_from: tuple[str, ...] = defining((), "test objects that it has learned from")
+    not_learned: tuple[str, ...] = defining((), "what of the dataset it has not learned: sizes, gels, cameras")
 
 
 class Score(Evaluation):

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import AfterValidator, Field
 from rich.markup import escape
 
-from pipeline.config.settings import Settings, setting
+from pipeline.config.settings import Settings, defining, setting
 from pipeline.dataset.object_rows import has_paper_sizes
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.errors import unknown_name
@@ -55,7 +55,7 @@ class MeasuringSettings(Settings):
     """The settings of a measurement of networks by any protocol."""
 
     points: int = setting(10_000, "points drawn from each surface: as many as S^obj has; the sampling floor falls with them", ge=2)
-    tau: float = setting(1e-4, "squared distance of F1 in Table 4's protocol, in its scaled unit", gt=0, le=1e6, changes="definition")
+    tau: float = defining(1e-4, "squared distance of F1 in Table 4's protocol, in its scaled unit", gt=0, le=1e6)
     batch_size: int = setting(16, "as in training; more needs more memory, and sums may differ in their last bit with it", ge=1)
     threads: int = setting(1, "of torch on a CPU, as in training", ge=1)
     accelerator: Literal["auto", "cpu", "cuda"] = setting("auto", "a GPU where there is one", changes="speed")
@@ -64,17 +64,13 @@ class MeasuringSettings(Settings):
 class GraspMeasuringSettings(MeasuringSettings):
     """Choose what is measured of surfaces that were made from grasps (supplement 3.5, Tables 2 to 4)."""
 
-    grasps: Annotated[tuple[Annotated[int, Field(ge=1)], ...], AfterValidator(_with_one)] = setting(
-        (1, 2, 3, 4, 5), "Table 3's numbers of grasps; larger ones than the dataset's are skipped, and named", changes="definition"
+    grasps: Annotated[tuple[Annotated[int, Field(ge=1)], ...], AfterValidator(_with_one)] = defining(
+        (1, 2, 3, 4, 5), "Table 3's numbers of grasps; larger ones than the dataset's are skipped, and named"
     )
-    scale: float = setting(
-        1.14,
-        "Table 4's protocol takes objects of diagonal 1 times 0.57; here their diagonal is 0.5 m, so tau means the same",
-        gt=0,
-        le=1e6,
-        changes="definition",
+    scale: float = defining(
+        1.14, "Table 4's protocol takes objects of diagonal 1 times 0.57; here their diagonal is 0.5 m, so tau means the same", gt=0, le=1e6
     )
-    rings: int = setting(5, "Table 2's rings, one sensor width after the other", ge=1, changes="definition")
+    rings: int = defining(5, "Table 2's rings, one sensor width after the other", ge=1)
     closed_resolution: int | None = setting(
         None,
         "edges along the longest side of a closed mesh of each object's reconstruction with one grasp, for its watertightness and "
@@ -88,26 +84,20 @@ class GraspMeasuringSettings(MeasuringSettings):
 class EvaluationSettings(GraspMeasuringSettings):
     """Choose which networks are measured."""
 
-    configurations: Annotated[tuple[str, ...], AfterValidator(_known)] = setting(
+    configurations: Annotated[tuple[str, ...], AfterValidator(_known)] = defining(
         ("none", "touch", "occluded", "occluded-touch", "unoccluded", "unoccluded-touch"),
         "the supplement's five modalities and no input at all; what none of them takes need not have been made",
-        changes="definition",
     )
-    training_seed: int = setting(0, "whose networks are evaluated: those of the trainings with this setting", ge=0, changes="definition")
+    training_seed: int = defining(0, "whose networks are evaluated: those of the trainings with this setting", ge=0)
 
 
 class SingleImageEvaluationSettings(MeasuringSettings):
     """Table 4's standard, and how many views of each object are measured (supplement 3.6)."""
 
-    views: int = setting(
-        5,
-        "views per test object, the first ones, and per training object of the baselines; the cited evaluations take all 24",
-        ge=1,
-        changes="definition",
+    views: int = defining(
+        5, "views per test object, the first ones, and per training object of the baselines; the cited evaluations take all 24", ge=1
     )
-    scale: float = setting(
-        0.57, "what objects whose bounding box has diagonal 1 are multiplied by, the standard's", gt=0, le=1e6, changes="definition"
-    )
+    scale: float = defining(0.57, "what objects whose bounding box has diagonal 1 are multiplied by, the standard's", gt=0, le=1e6)
 
 
 class Evaluation(DatasetStage):

@@ -106,7 +106,7 @@ class GraspReader:
             )
         hand, pose = self.hand, compose(compose(self.frame, stated.root), self.root)
         if (distance := float(length(stated.root[:3, 3]))) > FARTHEST:
-            raise InvalidInput(f"the hand is {distance:.3g} m from the object's origin; positions are in m, of .npz in its file's unit")
+            raise InvalidInput(f"the hand is {distance:.3g} m from the object's origin; positions are in m, in .npz in the mesh's unit")
         angles = {phase: self._joint_vector(stated, phase) for phase in PHASES if phase in stated.angles}
         start, grasp, squeeze = angles.get("pregrasp"), angles["grasp"], angles.get("squeeze")
         if self.physics is not None:

@@ -257,7 +257,11 @@ def test_slides_are_followed_by_their_dots_from_photograph_to_photograph(tmp_pat
     np.testing.assert_allclose(group["marker_displacement"][:], np.tile([1e-4, 0], (30, 1)), rtol=0, atol=0.1 * sensor.pitch[0])
     assert group["shear"].shape == group["traction"].shape == (96, 128, 2)
     assert group.attrs["force"][0] > 0
-    assert not group.attrs["pressure_seen"]
+    assert not group.attrs["explained"]
+    vt("read-touch", photographs, *options[:-1], "--out", tmp_path / "out")
+    group = zarr.open_group(tmp_path / "out" / "touches.zarr")["b"]
+    assert sorted(group.array_keys()) == ["contact", "indentation", "normals"]  # nothing is left of the first reading
+    assert list(group.attrs) == ["rim_pressed"]
 
 
 def test_network_stays_that_of_a_sensor_whose_file_gets_dots(folder: Path, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """`implicit-gels`: trained and evaluated on depth maps of any sensor, without touch charts."""
 
+import pickle
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -55,6 +56,13 @@ def test_touches_of_a_grasp_are_found_once(data):
     items = Items(data, "train", resolve("train-implicit", "draft", SETTINGS).inputs, 2, learned=TrainImplicit.arrays)
     first, again = (items.fixed_view(1, 2, 2).touches for _ in range(2))
     assert all(one is other for one, other in zip(first, again, strict=True))
+
+
+def test_items_can_be_sent_to_the_processes_of_a_training(data):
+    items = Items(data, "train", resolve("train-implicit", "draft", SETTINGS).inputs, 2, learned=TrainImplicit.arrays)
+    sent = pickle.loads(pickle.dumps(items)).fixed_view(1, 2, 2).touches
+    for one, other in zip(items.fixed_view(1, 2, 2).touches, sent, strict=True):
+        np.testing.assert_array_equal(one.points, other.points)
 
 
 def test_points_to_learn_at_can_be_drawn_near_touches(data):

@@ -12,9 +12,9 @@ from scipy.spatial import KDTree
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array
-from pipeline.kernels.touch.marker_removal import MarkerRemoval
+from pipeline.kernels.touch.marker_removal import LEAST_DOTS, MarkerRemoval
 
-NEIGHBOURS = 8  # dots whose motion tells where to look for the one in their midst
+NEIGHBOURS = 8  # dots whose motion, with its own, tells where to look for the one in their midst
 ROUNDS = 3  # of that search
 REACH = 0.45  # of the distance between dots: how far from there a dot may be
 
@@ -24,11 +24,10 @@ class MarkerTracker:
 
     def __init__(self, untouched: NDArray[np.uint8]) -> None:  # (rows, cols, 3)
         self._dots = MarkerRemoval(untouched)
-        if not self._dots.count:
-            raise InvalidInput(
-                "the untouched photograph shows no printed dots, and dots alone show shear: twelve of one colour and size or more"
-            )
-        self.positions = self._dots.middles(untouched)  # (M, 2) x and y in pixels, of the dots at rest
+        self.positions = self._dots.middles(untouched) if self._dots.count else np.zeros((0, 2))  # (M, 2) x and y in pixels, at rest
+        if len(self.positions) <= NEIGHBOURS:
+            shown = f"{len(self.positions) or 'no'} whole printed dots"
+            raise InvalidInput(f"the untouched photograph shows {shown}; shear needs {LEAST_DOTS} or more, of one colour and size")
         distance, self._neighbours = KDTree(self.positions).query(self.positions, range(1, NEIGHBOURS + 2))
         self._reach = REACH * float(np.median(distance[:, 1]))
         self._moved = np.zeros_like(self.positions)

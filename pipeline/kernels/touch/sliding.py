@@ -115,7 +115,7 @@ def slide_gel(
 def known_friction(sensor: Sensor, given: float | None = None, *, fallback: float | None = None) -> float:
     """Return the coefficient of friction as given, or the sensor's, or else the fallback.
 
-    It is `InvalidInput` if the sensor has no elastic gel, or none is known.
+    Raise an `InvalidInput` if the sensor has no elastic gel, or none is known.
     """
     if sensor.gel is None:
         raise InvalidInput(f"sensor {sensor.name} has no elastic gel, which slides and lifts need; add `gel: {{modulus: …}}` to its file")

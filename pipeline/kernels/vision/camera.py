@@ -64,7 +64,7 @@ class Camera(Entries):
         default=None, description="columns and rows of its images, regardless of `render-vision.resolution`; by default square"
     )
 
-    drawn: DrawnViews | None = Field(default=None, description="where each image is taken instead; pictures of a check are from `position`")
+    drawn: DrawnViews | None = Field(default=None, description="from where images are taken instead; checks draw from `position`")
 
     @model_validator(mode="after")
     def _has_one_size(self) -> "Camera":

@@ -61,8 +61,18 @@ def test_a_dot_that_is_covered_is_lost_and_found_again() -> None:
 
 
 def test_a_gel_without_dots_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="shows no printed dots, and dots alone show shear"):
+    with pytest.raises(InvalidInput, match="shows no whole printed dots; shear needs 12 or more, of one colour and size"):
         MarkerTracker(photograph(GEL, None))
+
+
+def test_a_gel_whose_dots_the_rim_cuts_is_refused() -> None:
+    """Of four rows and four columns, it cuts the outer ones."""
+    image, (y, x) = np.full((120, 160, 3), 120, np.uint8), np.indices((120, 160))
+    for row in np.linspace(0, 119, 4):
+        for col in np.linspace(0, 159, 4):
+            image[np.hypot(y - row, x - col) < 5] = COLOUR
+    with pytest.raises(InvalidInput, match="shows 4 whole printed dots; shear needs 12 or more"):
+        MarkerTracker(image)
 
 
 def test_dots_that_all_vanish_are_lost_and_found_where_they_were() -> None:

@@ -113,7 +113,7 @@ def test_a_sensor_without_an_elastic_gel_and_a_gel_without_dots_are_refused() ->
     plain = np.full((*SENSOR.shape, 3), 120, np.uint8)
     with pytest.raises(InvalidInput, match=r"gelsight has no elastic gel.*add `gel: \{modulus"):
         DotReader(plain, SENSOR.model_copy(update={"gel": None}))
-    with pytest.raises(InvalidInput, match="shows no printed dots"):
+    with pytest.raises(InvalidInput, match="shows no whole printed dots"):
         DotReader(plain, SENSOR)
 
 

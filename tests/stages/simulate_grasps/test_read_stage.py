@@ -145,7 +145,7 @@ def test_wrong_grasps_are_named_and_the_others_are_read(arrays, copy, tmp_path):
         "its limits are",
         "inside",
         "no value for",
-        "positions are in m, of .npz in its file's unit",
+        "positions are in m, in .npz in the mesh's unit",
         "in the squeeze",
         "is there twice",
     )
