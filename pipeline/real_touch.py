@@ -159,7 +159,7 @@ def write_reading(reading: TouchReading, folder: Path, name: str) -> None:
     for label, pixels in pictures.items():
         write_atomically(folder / f"{name}-{label}.png", encode_image(pixels), durable=False)
     write_atomically(folder / f"{name}.ply", _ply(reading.points, normals[reading.contact]), durable=False)
-    group = zarr.open_group(folder / ZARR, mode="a").require_group(name)
+    group = zarr.open_group(folder / ZARR, mode="a").create_group(name, overwrite=True)
     group.attrs["rim_pressed"] = reading.rim_pressed
     arrays: dict[str, tuple[np.ndarray, tuple[str, ...], dict[str, Any]]] = {
         "indentation": (reading.indentation, ("row", "col"), {"units": "m"}),
@@ -177,7 +177,7 @@ def write_reading(reading: TouchReading, folder: Path, name: str) -> None:
             "marker_displacement": (slid.moved, ("marker", "xy"), {"units": "m"} | frame),
         }
     for key, (values, dims, attributes) in arrays.items():
-        group.create_array(key, data=np.ascontiguousarray(values), dimension_names=dims, attributes=attributes, overwrite=True)
+        group.create_array(key, data=np.ascontiguousarray(values), dimension_names=dims, attributes=attributes)
 
 
 def _ply(points: NDArray[np.float64], normals: NDArray[np.float32]) -> bytes:

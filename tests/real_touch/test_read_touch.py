@@ -94,7 +94,9 @@ def test_written_files_hold_the_reading(reader: TouchReader, tmp_path: Path) -> 
     assert len(cloud.vertices) == reading.contact.sum()
     np.testing.assert_allclose(cloud.vertices, reading.points, rtol=0, atol=1e-8)
     object.__setattr__(reading, "contact", np.zeros_like(reading.contact))
+    zarr.open_group(tmp_path / "out" / "touches.zarr")["a"].create_array("shear", data=np.zeros(2))  # of a slide
     write_reading(reading, tmp_path / "out", "a")  # replaces the first
+    assert "shear" not in zarr.open_group(tmp_path / "out" / "touches.zarr")["a"]
     assert b"element vertex 0\n" in (tmp_path / "out" / "a.ply").read_bytes()
 
 
