@@ -202,6 +202,14 @@ def test_photographs_with_negative_strides_are_read(reader: TouchReader) -> None
     np.testing.assert_array_equal(reader.read(turned).indentation, reader.read(image).indentation)
 
 
+def test_arrays_that_are_no_photographs_are_refused(reader: TouchReader, folder: Path) -> None:
+    for array in (UNTOUCHED[..., 0], UNTOUCHED / 255, np.dstack([UNTOUCHED, UNTOUCHED])):
+        with pytest.raises(InvalidInput, match=r"it is \w+ \(.*\); a photograph is uint8 \(rows, columns, 3\)"):
+            reader.read(array)
+        with pytest.raises(InvalidInput, match="the untouched photograph is"):
+            TouchReader(folder / "my_gel.yaml", array)
+
+
 def test_unusable_photographs_and_networks_are_errors(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "unet").mkdir()
     save_touch_model(tmp_path / "unet", UNet(1), sensor=SENSOR, untouched=UNTOUCHED, mask_threshold=1e-3)
