@@ -97,6 +97,7 @@ class TouchReader:
         accept_photographs: bool = False,
         slides: bool = False,
     ) -> None:
+        _check_photograph(untouched, "the untouched photograph")
         path = description_path("sensor", sensor)
         described = load_sensor(path)
         beside, shipped = path.with_name(path.stem + MODEL_SUFFIX), shipped_sensor_network(described.name)
@@ -128,6 +129,7 @@ class TouchReader:
 
     def read(self, image: NDArray[np.uint8]) -> TouchReading:
         """Read a photograph, (rows, cols, 3) uint8; an `InvalidInput` if it has other pixels than the untouched one, or looks altered."""
+        _check_photograph(image, "it")
         photograph = image
         if image.shape == self.untouched.shape:
             image = self.markers.fill(image)
@@ -140,6 +142,11 @@ class TouchReader:
         rim_pressed = rim_change(image, self.untouched) > RIM_SHARE
         slid = self.dots.read(photograph, gel.indentation[0] * gel.contact[0]) if self.dots else None
         return TouchReading(gel.indentation[0], gel.contact[0], self.sensor, rim_pressed, slid)
+
+
+def _check_photograph(image: NDArray[np.uint8], what: str) -> None:
+    if (array := np.asarray(image)).dtype != np.uint8 or array.ndim != 3 or array.shape[2] != 3:
+        raise InvalidInput(f"{what} is {array.dtype} {array.shape}; a photograph is uint8 (rows, columns, 3): red, green, blue")
 
 
 def write_reading(reading: TouchReading, folder: Path, name: str) -> None:

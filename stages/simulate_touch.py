@@ -192,7 +192,7 @@ def _describe_lifts(shard: Shard) -> Iterator[str]:
     held, weight, imbalance, settled = (shard.read(f"lift_{name}")[shard.read("ok")] for name in ("held", "weight", "imbalance", "settled"))
     rest = rests(held[..., -1], imbalance[..., -1], weight[..., -1], settled[..., -1])
     yield (
-        f"{rest.sum()} of {pluralise(rest.size, 'lift')} end at rest, gels and weight balanced to {100 * AT_REST:g} %; in "
+        f"{rest.sum()} of {rest.size} lifts end at rest, gels and weight balanced to {100 * AT_REST:g} %; in "
         f"{(~held[..., -1]).sum()} the object slips out"
     )
     yield from unsettled_remarks(settled.all(axis=-2), "lift_settled")

@@ -132,8 +132,13 @@ def test_markers_move_with_the_gel_and_are_drawn_where_they_are():
             {"sensor": SENSOR.model_copy(update={"gel": Gel(modulus=2e5, thickness=1e-4)})},
             r"is 0\.0001 m thick, its contact is solved on cells",
         ),
-        ({"poses": np.full((3, 4, 4), np.nan)}, r"poses\[0\] is not a rigid motion"),
-        ({"poses": 2 * path()}, r"poses\[0\] is not a rigid motion"),
+        ({"poses": np.full((3, 4, 4), np.nan)}, r"poses\[0\] is not a rigid motion: it holds numbers that are not finite"),
+        ({"poses": path().transpose(0, 2, 1)}, r"poses\[0\] is not a rigid motion: its last row is not 0 0 0 1; is it transposed\?"),
+        (
+            {"poses": path() * [[1.1], [1.1], [1.1], [1]]},
+            r"poses\[0\] is .*: its axes are 0\.21 from orthonormal, at most 1e-06; scale",
+        ),
+        ({"poses": path() * [-1, 1, 1, 1]}, r"poses\[0\] is not a rigid motion: its axes are left-handed; turn one around"),
     ],
 )
 def test_path_that_cannot_be_followed_is_refused_with_the_remedy(change, message):

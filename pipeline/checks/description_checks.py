@@ -21,7 +21,9 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh_cleaning import POSITION
 from pipeline.kernels.touch.calibrated_shading import fitted_range, slope_degrees
 from pipeline.kernels.touch.depth_maps import gel_surface, normal_force, press_gel
+from pipeline.kernels.touch.markers import MarkerGrid
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
+from pipeline.kernels.touch.sliding import resting_image
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.kernels.vision.camera import Camera, camera_pose, project_points, projection_matrix
 
@@ -135,7 +137,7 @@ def check_sensor(path: Path, picture: Path) -> list[str]:
     """Describe a sensor file, and draw it; parameters, result and errors as `check_file`."""
     sensor = load_sensor(path)
     untouched = untouched_image(sensor)
-    _draw_sensor(sensor, untouched, picture)
+    _draw_sensor(sensor, picture)
     clipped = 100 * float(np.mean((untouched == 0) | (untouched == 255)))
     return [
         f"{path}: sensor {sensor.name}, no faults",
@@ -143,6 +145,7 @@ def check_sensor(path: Path, picture: Path) -> list[str]:
         f"{sensor.cols} x {sensor.rows} pixels of {MM * sensor.pitch[1]:.3g} x {MM * sensor.pitch[0]:.3g} mm",
         f"untouched image: mean {', '.join(f'{level:.0f}' for level in untouched.mean(axis=(0, 1)))} of 255, {clipped:.1f} % clipped",
         *([] if sensor.gel is None else [_gel_line(sensor)]),
+        *([] if sensor.markers is None else [_markers_line(sensor, sensor.markers)]),
         *(fitted_range(sensor.calibrated) if sensor.calibrated else []),
         f"picture: {picture}",
     ]
@@ -154,11 +157,18 @@ def _gel_line(sensor: Sensor) -> str:
     assert sensor.gel is not None
     assert pressure is not None
     layer = f"{sensor.gel.modulus / 1e6:.3g} MPa, Poisson's ratio {sensor.gel.poisson:g}, {MM * sensor.layer_thickness:.4g} mm"
+    layer += "" if sensor.gel.friction is None else f", friction {sensor.gel.friction:g}"
     felt = f"{normal_force(pressure, sensor):.3g} N, at most {pressure.max() / 1e3:.3g} kPa"
     return f"elastic gel: {layer}; the ball in the picture, {MM * PRESS * _height_in_middle(sensor):.3g} mm deep, presses with {felt}"
 
 
-def _draw_sensor(sensor: Sensor, untouched: NDArray[np.uint8], path: Path) -> None:
+def _markers_line(sensor: Sensor, dots: MarkerGrid) -> str:
+    """Describe the dots that are printed on a gel."""
+    apart = f"{MM * sensor.width / dots.cols:.3g} x {MM * sensor.height / dots.rows:.3g} mm"
+    return f"markers: {dots.cols} x {dots.rows} dots {2 * MM * dots.radius:.3g} mm wide, {apart} apart"
+
+
+def _draw_sensor(sensor: Sensor, path: Path) -> None:
     """Draw a sensor: the gel in section with a ball in it, its outline with pixels and lamps, and three tactile images."""
     ball = _pressed_ball(sensor)
     _, y = np.meshgrid(*pixel_centres(sensor))
@@ -167,7 +177,7 @@ def _draw_sensor(sensor: Sensor, untouched: NDArray[np.uint8], path: Path) -> No
     section, plan, *images = figure.subplots(1, 5)
     _section(section, sensor, ball)
     _plan(plan, sensor)
-    panels = {"untouched": untouched, "a ball": tactile_image(ball, sensor), "an edge": tactile_image(edge, sensor)}
+    panels = {"untouched": resting_image(sensor), "a ball": tactile_image(ball, sensor), "an edge": tactile_image(edge, sensor)}
     for axes, (title, image) in zip(images, panels.items(), strict=True):
         axes.imshow(image, aspect=sensor.pitch[0] / sensor.pitch[1])
         axes.set(title=title, xticks=[], yticks=[])

@@ -176,7 +176,7 @@ def read_touch(
         print_lines(f"{out}: NAME-depth.png (0.1 µm per level), NAME-contact.png, NAME-normals.png, NAME.ply, touches.zarr")
     if steps:
         friction, slid_in = sliding(*np.array(steps).T)
-        there = f"; if that is all, most of the contact slides in {pluralise(int(slid_in.sum()), 'photograph')}"
+        there = f"; if that is all, most of the contact slides in {slid_in.sum()} of them" if count > 1 else ""
         print_lines("friction is not known: no contact shows" if np.isnan(friction) else f"friction {friction:.2f} or more{there}")
     if failed:
         more = f"\nand {len(failed) - NAMED} more" if len(failed) > NAMED else ""

@@ -115,18 +115,18 @@ def _image(axes: Axes, images: np.ndarray, title: str) -> Show:
 def draw_field(axes: Axes, touches: Touches, sensor: Sensor) -> Show:
     """Draw where the contact sticks and slips in the first step, and how the gel's surface is displaced.
 
-    The longest arrow of all steps is as long as a step and a half from arrow to arrow.
+    What the gel moves by at most in all steps would be an arrow as long as a step and a half from arrow to arrow.
     """
     x, y = (MM * centres for centres in pixel_centres(sensor))
     stride = max(1, max(sensor.shape) // ARROWS)
     part = slice(stride // 2, None, stride)
     moved = MM * touches["shear"][:, part, part]
-    longest = max(float(np.hypot(*np.moveaxis(moved, -1, 0)).max()), LEAST)
-    scale = longest / (1.5 * stride * MM * sensor.pitch[1])
+    farthest = MM * float(np.hypot(*np.moveaxis(touches["shear"], -1, 0)).max())
+    scale = max(farthest, LEAST) / (1.5 * stride * MM * sensor.pitch[1])
     right, top = MM * sensor.width / 2, MM * sensor.height / 2
     shown = axes.imshow(_contact(touches, 0), extent=(-right, right, top, -top), **SHADES)
     arrows = axes.quiver(x[part], y[part], *np.moveaxis(moved[0], -1, 0), angles="xy", scale_units="xy", scale=scale, width=0.006)
-    axes.set_title(f"gel moved up to {longest:.2g} mm", fontsize=8, loc="left")
+    axes.set_title(f"gel moved up to {farthest:.2g} mm", fontsize=8, loc="left")
     axes.set(xticks=[], yticks=[])
 
     def show(step: int) -> list[Any]:

@@ -2,6 +2,7 @@
 
 import io
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,12 +20,14 @@ from pipeline.kernels.arrays import Mask
 FORMATS = ("PNG", "JPEG", "BMP", "TIFF")  # Pillow would open others too, some by starting a program
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")  # suffixes of their files
 MAX_BYTES, MAX_PIXELS = 2**28, 2**26  # limits of a file, and of the image in it: 67 megapixels take 200 MB
+NUMBER = re.compile(r"(\d+)")
 GEL_STEP = 1e-7  # m per level of the PNG files of `read-touch`: 16 bits reach 6.5 mm
 
 
 def image_files(files: Iterable[Path], leave_out: Path) -> list[Path]:
-    """Select the files with the suffix of an image, sorted, except `leave_out`."""
-    return sorted(file for file in files if file.suffix.lower() in SUFFIXES and file.resolve() != leave_out.resolve())
+    """Select the files with the suffix of an image, except `leave_out`, sorted by name, numbers in it by their value: 2 before 10."""
+    chosen = (file for file in files if file.suffix.lower() in SUFFIXES and file.resolve() != leave_out.resolve())
+    return sorted(chosen, key=lambda file: ([int(part) if part.isdecimal() else part for part in NUMBER.split(str(file))], file))
 
 
 def read_image(path: Path) -> NDArray[np.uint8]:

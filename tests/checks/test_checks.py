@@ -38,6 +38,14 @@ def test_elastic_gel_is_described_with_the_force_of_the_ball_in_the_picture(tmp_
     assert not [line for line in check_file(described_file("gel_16mm", tmp_path / "a.png")) if line.startswith("elastic")]
 
 
+def test_friction_and_dots_of_a_gel_are_described(tmp_path: Path) -> None:
+    dots, gel = {"rows": 4, "cols": 5, "radius": 5e-4}, {"modulus": 2e5, "friction": 0.6}
+    path = edited("sensor", "gel_16mm", tmp_path / "dotted.yaml", gel=gel, markers=dots)
+    lines = check_file(described_file(str(path), tmp_path / "a.png"))
+    assert "markers: 5 x 4 dots 1 mm wide, 3.28 x 4.1 mm apart" in lines
+    assert any("6.8 mm, friction 0.6; the ball" in line for line in lines)
+
+
 def test_ball_in_the_picture_is_pressed_into_a_gel_that_is_low_in_the_middle(tmp_path: Path) -> None:
     dish = {"heights": [[0.0068] * 3, [0.0068, 0.004, 0.0068], [0.0068] * 3]}
     path = edited("sensor", "gel_16mm", tmp_path / "dish.yaml", gel={"modulus": 2e5}, surface=dish)

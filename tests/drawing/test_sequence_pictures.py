@@ -5,11 +5,12 @@ import shutil
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.drawing.contact_sheet import sequence_animations
-from pipeline.drawing.sequence_pictures import Drawn, animate, first_sequence
+from pipeline.drawing.sequence_pictures import Drawn, animate, draw_field, first_sequence
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.store.directory import DataDirectory
 from schemas.touch import TOUCH
@@ -109,6 +110,15 @@ def test_frames_of_a_lift_show_each_gel_and_what_they_carry_against_the_weight()
     fields = [frame[height // 2 :, column + 10 : 2 * column - 10] for frame in frames]
     dark = [((part[..., 0] > 200) & (part[..., 2] < 60)).sum() for part in fields]
     assert max(dark[:3]) < 50 < dark[3]  # the thumb's slip
+
+
+@pytest.mark.parametrize(("micrometres", "said"), [(0, "0 mm"), (2, "0.002 mm"), (300, "0.3 mm")])
+def test_field_names_the_farthest_that_any_pixel_moved(micrometres, said):
+    shear = np.zeros((4, 30, 40, 2))
+    shear[2, 7, 8, 1] = 1e-6 * micrometres  # no arrow starts there
+    axes = Figure().subplots()
+    draw_field(axes, touches() | {"shear": shear}, SENSOR)
+    assert axes.get_title(loc="left") == f"gel moved up to {said}"
 
 
 def test_summary_counts_lifts_and_animates_their_first_grasps(lifts):  # noqa: F811

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.image_file import read_depth, read_image, read_mask
+from pipeline.formats.image_file import image_files, read_depth, read_image, read_mask
 
 
 def encoded(kind: str, mode: str = "RGB") -> bytes:
@@ -32,6 +32,12 @@ def tiff_of_16_bits() -> bytes:
     entries = [(256, 1, 1), (257, 1, 1), (258, 3, 98), (259, 1, 1), (262, 1, 2), (273, 1, 104), (277, 1, 3)]
     directory = b"".join(struct.pack("<HHII", tag, 3, count, value) for tag, count, value in entries)
     return struct.pack("<2sHIH", b"II", 42, 8, len(entries)) + directory + bytes(4) + struct.pack("<6H", 16, 16, 16, 9, 9, 9)
+
+
+def test_images_are_listed_by_name_with_numbers_by_their_value(tmp_path: Path) -> None:
+    names = ["1.png", "2.JPG", "10.png", "a2b10.png", "a10b2.png", "a010b3.png", "b.png"]
+    files = [tmp_path / name for name in (*reversed(names), "notes.txt", "untouched.png")]
+    assert [file.name for file in image_files(files, tmp_path / "untouched.png")] == names
 
 
 @pytest.mark.parametrize("kind", ["PNG", "JPEG", "BMP", "TIFF"])

@@ -94,7 +94,9 @@ def test_written_files_hold_the_reading(reader: TouchReader, tmp_path: Path) -> 
     assert len(cloud.vertices) == reading.contact.sum()
     np.testing.assert_allclose(cloud.vertices, reading.points, rtol=0, atol=1e-8)
     object.__setattr__(reading, "contact", np.zeros_like(reading.contact))
+    zarr.open_group(tmp_path / "out" / "touches.zarr")["a"].create_array("shear", data=np.zeros(2))  # of a slide
     write_reading(reading, tmp_path / "out", "a")  # replaces the first
+    assert "shear" not in zarr.open_group(tmp_path / "out" / "touches.zarr")["a"]
     assert b"element vertex 0\n" in (tmp_path / "out" / "a.ply").read_bytes()
 
 
@@ -198,6 +200,14 @@ def test_photographs_with_negative_strides_are_read(reader: TouchReader) -> None
     image = ball(0.001)
     turned = image[..., ::-1].copy()[..., ::-1]  # negative strides, as after conversion from BGR
     np.testing.assert_array_equal(reader.read(turned).indentation, reader.read(image).indentation)
+
+
+def test_arrays_that_are_no_photographs_are_refused(reader: TouchReader, folder: Path) -> None:
+    for array in (UNTOUCHED[..., 0], UNTOUCHED / 255, np.dstack([UNTOUCHED, UNTOUCHED])):
+        with pytest.raises(InvalidInput, match=r"it is \w+ \(.*\); a photograph is uint8 \(rows, columns, 3\)"):
+            reader.read(array)
+        with pytest.raises(InvalidInput, match="the untouched photograph is"):
+            TouchReader(folder / "my_gel.yaml", array)
 
 
 def test_unusable_photographs_and_networks_are_errors(folder: Path, tmp_path: Path) -> None:

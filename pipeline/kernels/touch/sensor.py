@@ -244,10 +244,7 @@ def sensor_differences(one: Sensor, other: Sensor, *, but_for: Mapping[str, Any]
 
 
 def pixel_centres(sensor: Sensor) -> tuple[Array, Array]:
-    """Compute the positions x (cols,) and y (rows,) of the pixel centres on the sensor plane, sensor frame, m.
-
-    x = ((col + ½)/cols - ½) · width, y = ((row + ½)/rows - ½) · height.
-    """
+    """Compute the positions x (cols,) and y (rows,) of the pixel centres on the sensor plane, sensor frame, m."""
     x = ((np.arange(sensor.cols) + 0.5) / sensor.cols - 0.5) * sensor.width
     y = ((np.arange(sensor.rows) + 0.5) / sensor.rows - 0.5) * sensor.height
     return x, y
@@ -267,12 +264,14 @@ def check_pose(pose: np.ndarray, name: str = "sensor pose") -> Array:
     rotation = pose[:3, :3]
     with np.errstate(over="ignore", invalid="ignore"):
         deviation = np.abs(rotation.T @ rotation - np.eye(3)).max()
-        is_rigid = np.isfinite(pose).all() and deviation <= POSE_TOLERANCE and np.linalg.det(rotation) > 0
-    if not is_rigid or (pose[3] != (0, 0, 0, 1)).any():
-        raise InvalidInput(
-            f"{name} is not a rigid motion: its axes are {deviation:.3g} from orthonormal (at most {POSE_TOLERANCE:g}; scale belongs into "
-            f"the mesh), or left-handed, or its last row is not 0 0 0 1 (is the pose transposed?), or it is not finite:\n{pose}"
-        )
+        faults = {
+            "it holds numbers that are not finite": not np.isfinite(pose).all(),
+            "its last row is not 0 0 0 1; is it transposed?": (pose[3] != (0, 0, 0, 1)).any(),
+            f"its axes are {deviation:.3g} from orthonormal, at most {POSE_TOLERANCE:g}; scale the mesh": deviation > POSE_TOLERANCE,
+            "its axes are left-handed; turn one around": np.linalg.det(rotation) < 0,
+        }
+    for fault in [fault for fault, present in faults.items() if present][:1]:
+        raise InvalidInput(f"{name} is not a rigid motion: {fault}:\n{pose}")
     return pose
 
 
