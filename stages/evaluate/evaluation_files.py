@@ -135,12 +135,12 @@ def write_evaluation(
     groups: Mapping[str, Mapping[str, Any]],  # arrays by name, by group (`objects`, `predictions/touch`, …)
     attributes: Mapping[str, Any],  # of the root
 ) -> None:
-    """Write `tables.zarr`, whose arrays must be those of the schema."""
+    """Write groups of `tables.zarr`, whose arrays must be those of the schema; other groups stay."""
     checked = {name: _conform(name, arrays) for name, arrays in groups.items()}
-    shutil.rmtree(folder / TABLES_ZARR, ignore_errors=True)
     root = folder / TABLES_ZARR
     metadata = {"": encode_metadata("group", attributes={"schema": "evaluation", "schema_version": VERSION, **attributes})}
     for name, arrays in checked.items():
+        shutil.rmtree(root / name, ignore_errors=True)
         declared = GROUPS[name.partition("/")[0]]
         metadata[name] = encode_metadata("group", attributes={"summary": declared.summary})
         for key, value in arrays.items():

@@ -181,7 +181,7 @@ class GraspProtocol(Protocol):
     def baselines(self) -> dict[str, Figures]:
         if self.training is None:
             return {}
-        images = ObjectRows(self.job.data, ["segmentation"], None) if self.takes_image else None
+        images = ObjectRows(self.job.data, ["segmentation"], None, cache_megabytes=0) if self.takes_image else None
 
         def silhouettes(object_id: str) -> NDArray[np.bool_]:
             assert images is not None
@@ -253,7 +253,7 @@ class SingleImageProtocol(Protocol):
     def baselines(self) -> dict[str, Figures]:
         if self.training is None:
             return {}
-        every = ObjectRows(self.job.data, ["silhouette"], None)
+        every = ObjectRows(self.job.data, ["silhouette"], None, cache_megabytes=0)
 
         def silhouettes(object_id: str) -> NDArray[np.bool_]:
             return every.read("silhouette", object_id)[: self.views, ::SILHOUETTE_STEP, ::SILHOUETTE_STEP].reshape(self.views, -1)

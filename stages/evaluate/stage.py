@@ -4,7 +4,7 @@ import json
 import shlex
 import shutil
 from abc import abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -17,6 +17,7 @@ from pipeline.dataset.object_rows import has_paper_sizes
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.errors import unknown_name
 from pipeline.models.families import ROWS, load_rows, model_name, rows_of
+from pipeline.store.atomic import flush
 from pipeline.store.directory import DataDirectory
 from pipeline.store.rows import Result, RowFiles
 from schemas.base import Artifact
@@ -26,7 +27,7 @@ from schemas.renderings import RENDERINGS
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
-from stages.evaluate.evaluation_files import METRICS, Arrays, Figure, Figures, evaluation_name, long_table, write_evaluation
+from stages.evaluate.evaluation_files import METRICS, Figure, Figures, evaluation_name, long_table, write_evaluation
 
 if TYPE_CHECKING:
     from stages.evaluate.measure import Method, Protocol
@@ -142,15 +143,11 @@ class Evaluation(DatasetStage):
         protocol = self.protocol(job, methods)
         rows = protocol.objects
         figures: dict[str, Figures] = {}
-        groups: dict[str, Mapping[str, Any]] = {"objects": protocol.objects.table(), **protocol.extra()}
         with torch_threads(job.settings.threads):
             for item in methods:
-                measured, surfaces = _measured(item, protocol, job)
-                figures[item.name] = Figures(rows.object_ids, measured)
+                figures[item.name] = Figures(rows.object_ids, _measured(item, protocol, job))
                 for remark in item.remarks():
                     job.console.print(escape(remark))
-                if surfaces:
-                    groups[f"{'predictions' if item.has_charts else 'meshes'}/{item.name}"] = surfaces
         attributes = {
             "settings": job.settings.results(),
             "seed": job.seed,
@@ -162,7 +159,7 @@ class Evaluation(DatasetStage):
             **self.attributes(job, protocol),
         }
         figures |= protocol.baselines()
-        write_evaluation(job.folder, {**groups, "figures": long_table(figures)}, attributes)
+        write_evaluation(job.folder, {"objects": protocol.objects.table(), **protocol.extra(), "figures": long_table(figures)}, attributes)
         content = {**attributes, "means": {name: of_network.means() for name, of_network in figures.items()}}
         (job.folder / METRICS).write_text(json.dumps(content, indent=2, sort_keys=True, allow_nan=False))
         shutil.rmtree(job.folder / MEASURED, ignore_errors=True)
@@ -172,19 +169,20 @@ class Evaluation(DatasetStage):
         return {"objects": len(rows), "failed": len(rows.failed), "training": training}
 
 
-def _measured(item: "Method", protocol: "Protocol", job: DatasetJob) -> tuple[list[Figure], Arrays]:
-    """Read figures and surfaces from the row file of a killed run, or measure them and write them to one."""
+def _measured(item: "Method", protocol: "Protocol", job: DatasetJob) -> list[Figure]:
+    """Read figures from the row file of a killed run, or measure them; write surfaces to the evaluation, then figures to a row file."""
     from stages.evaluate.measure import measure
 
     files = RowFiles(job.folder / MEASURED)
     if result := files.find(item.name, protocol.stage):
-        arrays = files.load(result)
-        rows = [Figure(*row) for row in zip(*(arrays.pop(key).tolist() for key in Figure._fields), strict=True)]
-        return rows, {key.removeprefix("surface/"): array for key, array in arrays.items()}
+        return [Figure(*row) for row in zip(*map(np.ndarray.tolist, files.load(result).values()), strict=True)]
     rows, surfaces = measure(item, protocol, job)
+    if surfaces:
+        write_evaluation(job.folder, {f"{'predictions' if item.has_charts else 'meshes'}/{item.name}": surfaces}, {})
+        flush([*job.folder.rglob("*"), job.folder])  # figures without surfaces would be taken for finished
     figures = dict(zip(Figure._fields, map(np.array, zip(*rows, strict=True)), strict=True))
-    files.save(Result(name=item.name, key=protocol.stage), figures | {f"surface/{key}": array for key, array in surfaces.items()})
-    return rows, surfaces
+    files.save(Result(name=item.name, key=protocol.stage), figures)
+    return rows
 
 
 def artifacts_of(configurations: Iterable[str]) -> list[Artifact]:

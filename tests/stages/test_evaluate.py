@@ -30,7 +30,16 @@ from pipeline.store.directory import DataDirectory, shard_of
 from pipeline.tables.comparison import read_values
 from pipeline.tables.evaluation_tables import evaluation_tables
 from stages.evaluate.baselines import BASELINE_PREFIX
-from stages.evaluate.evaluation_files import TABLES_ZARR, Figures, evaluations, read_figures, read_root, read_table, write_evaluation
+from stages.evaluate.evaluation_files import (
+    TABLES_ZARR,
+    Figures,
+    evaluations,
+    read_figures,
+    read_root,
+    read_surfaces,
+    read_table,
+    write_evaluation,
+)
 from stages.evaluate.measure import Network, make_cases
 from stages.evaluate.protocols import GraspProtocol
 from stages.evaluate.stage import MEASURED, Evaluate, EvaluationSettings
@@ -304,6 +313,8 @@ def test_killed_run_resumes_with_the_next_configuration(data, evaluation, monkey
     assert not (folder / MEASURED).exists()
     for name in ("none", "occluded"):
         assert figures(folder, name).rows == figures(evaluation[0], name).rows
+        vertices, expected_vertices = (read_surfaces(path, name)["vertices"] for path in (folder, evaluation[0]))
+        np.testing.assert_array_equal(vertices, expected_vertices)
 
 
 def test_models_without_touch_need_no_touches_and_models_without_images_no_images():

@@ -66,6 +66,7 @@ def write_report(source: ReportSource, console: Console, max_objects: int = 10) 
         (folder / "figures").mkdir()
         for name in COPIED:
             shutil.copyfile(ASSETS / name, folder / name)
+        figures = draw_figures(source, folder / "figures", max_objects)  # first, as models that cannot be used end the report
         objects = _write_objects(source, folder, console, before, changed_files(report, before.files))
         cards = [{"id": name, **card.model_dump()} for name, card in objects.items()]
 
@@ -87,7 +88,7 @@ def write_report(source: ReportSource, console: Console, max_objects: int = 10) 
         )
         categories, splits = (sorted({card[key] for card in cards}) for key in ("category", "split"))
         write("gallery.html", cards=cards, categories=categories, splits=splits)
-        write("figures.html", figures=draw_figures(source, folder / "figures", max_objects))
+        write("figures.html", figures=figures)
         write("results.html", **_results(source, folder), trades=_trades(source, folder))
         origins = records(source.directory)
         write(

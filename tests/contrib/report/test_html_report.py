@@ -180,6 +180,16 @@ def test_grasps_beside_an_evaluation_of_single_images_have_pages(data, tmp_path,
     assert "report" not in vt("report", data)
 
 
+def test_a_model_that_cannot_be_used_ends_a_report_before_its_pages_are_written(data, monkeypatch):
+    def refuse(*_: object) -> None:
+        raise StoreError("models/unet holds no trained model")
+
+    (data / "report" / "objects" / "a.html").unlink()
+    monkeypatch.setattr("pipeline.contrib.report.html_report.draw_figures", refuse)
+    monkeypatch.setattr("pipeline.contrib.report.object_page.ObjectPages.write", lambda *_: pytest.fail("a page was written"))
+    assert "models/unet holds no trained model" in vt("report", data, fails=True)
+
+
 def test_missing_facts_of_a_training_are_reported(data, tmp_path):
     (tmp_path / "unet").mkdir()
     publish(data, "models/unet", tmp_path / "unet", "train-unet", {"best": 0})
