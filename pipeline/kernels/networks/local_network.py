@@ -1,7 +1,7 @@
 """A small network that reads a tactile image pixel by pixel: slopes from colours, depth from slopes; and its loss.
 
 It sees a neighbourhood of 0.8 mm, so that it learns the meaning of colours and not the shapes of the training set. Depth is integrated from
-slopes by Poisson's equation with sine transforms. Photographs' drift, a smooth difference of light, is subtracted beforehand.
+slopes. Photographs' drift, a smooth difference of light, is subtracted beforehand.
 """
 
 from functools import lru_cache
@@ -30,7 +30,7 @@ class LocalShape(NamedTuple):
     """The output of a `LocalNetwork`."""
 
     slopes: Tensor  # (B, 2, H, W)
-    depth: Tensor  # (B, H, W) of the gel's surface below its rest, mm
+    depth: Tensor  # (B, H, W) of the gel's surface below its rest, mm; 0 beyond the rim
 
 
 class LocalNetwork(nn.Module):

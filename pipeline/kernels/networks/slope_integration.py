@@ -8,7 +8,7 @@ from torch import Tensor
 
 from pipeline.kernels.arrays import check_shape
 
-PRESSED = 0.01  # mm, depth against what pins it from which the rim counts as pressed: errors of slopes make less
+PRESSED = 0.01  # mm, from which the rim counts as pressed: errors of slopes make 0.004 where it is at rest
 
 
 def integrate_slopes(
