@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import spsolve
 
-Pixel = tuple[int, int]
+Pixel = tuple[int, ...]
 
 
 def integrate_slowly(slopes: NDArray[np.float64], pitch: tuple[float, float], pressed: float = np.inf) -> NDArray[np.float64]:
@@ -18,7 +18,7 @@ def integrate_slowly(slopes: NDArray[np.float64], pitch: tuple[float, float], pr
     """
     shape = slopes.shape[1:]
     pairs = [(first, (first[0] + down, first[1] + 1 - down)) for down in (0, 1) for first in product(*(range(-1, n) for n in shape))]
-    pairs = [pair for pair in pairs if any(map(lambda pixel: inside(pixel, shape), pair))]
+    pairs = [pair for pair in pairs if any(inside(pixel, shape) for pixel in pair)]
     while True:
         surface = solve(slopes, pitch, pairs)
         left = [pair for pair in pairs if resistance(surface, slopes, pitch, pair) <= pressed]

@@ -59,7 +59,8 @@ def surface_slopes(depth: Tensor, pitch: tuple[float, float]) -> Tensor:
 
 def _solve(laplacian: Tensor, pitch: tuple[float, float]) -> Tensor:  # (B, H, W) each
     """Solve Poisson's equation for the surface that is 0 one pixel beyond the rim."""
-    (down, across), eigen = _modes(*laplacian.shape[1:], pitch, laplacian.dtype, laplacian.device)
+    rows, cols = laplacian.shape[1:]
+    (down, across), eigen = _modes(rows, cols, pitch, laplacian.dtype, laplacian.device)
     return down @ ((down @ laplacian @ across) / eigen) @ across
 
 
@@ -71,7 +72,7 @@ def _rim(surface: Tensor) -> Tensor:  # (B, H, W) to (B, P)
 def _at_rim(values: Tensor, rows: int, cols: int) -> Tensor:  # (B, P) to (B, rows, cols)
     """Add up the pins' values at their pixels; the others are 0."""
     surface = values.new_zeros(len(values), rows, cols)
-    first_row, last_row, first_col, last_col = values.split([cols, cols, rows, rows], dim=1)
+    first_row, last_row, first_col, last_col = torch.split(values, [cols, cols, rows, rows], dim=1)
     surface[:, 0] += first_row
     surface[:, -1] += last_row
     surface[:, :, 0] += first_col

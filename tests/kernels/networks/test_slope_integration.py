@@ -49,7 +49,7 @@ def cap(x: float, y: float, radius: float = 3.0, deepest: float = 0.8) -> tuple[
     return height - (radius - deepest), np.stack([-across / height * pressed, -down / height * pressed])
 
 
-@pytest.mark.parametrize("shape", [(2, 5), (7, 2), (12, 17)])
+@pytest.mark.parametrize("shape", [(1, 5), (7, 2), (12, 17)])
 def test_surface_with_a_free_rim_equals_that_of_a_sparse_solver(shape: tuple[int, int]) -> None:
     slopes = np.random.default_rng(0).normal(0.0, 0.1, (2, *shape))
     expected = integrate_slowly(slopes, (0.3, 0.7), PRESSED)
