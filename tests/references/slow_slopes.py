@@ -17,7 +17,9 @@ def integrate_slowly(slopes: NDArray[np.float64], pitch: tuple[float, float], pr
     is dropped if the other pixel lies deeper than it says by more than `pressed`, and what is left is solved again.
     """
     shape = slopes.shape[1:]
-    pairs = [(first, (first[0] + down, first[1] + 1 - down)) for down in (0, 1) for first in product(*(range(-1, n) for n in shape))]
+    pairs: list[tuple[Pixel, Pixel]] = [
+        (first, (first[0] + down, first[1] + 1 - down)) for down in (0, 1) for first in product(*(range(-1, n) for n in shape))
+    ]
     pairs = [pair for pair in pairs if any(inside(pixel, shape) for pixel in pair)]
     while True:
         surface = solve(slopes, pitch, pairs)

@@ -48,7 +48,9 @@ def free_pressed_rim(
             sunk = torch.linalg.solve(identity - answer[free][:, free], held[k, free])
             now = held[k] + answer[:, free] @ sunk
             push[k, free] = sunk / sizes[free] ** 2
-    return depth - _solve(_at_rim(push, rows, cols), pitch) if push.any() else depth
+    pixels = _rim(torch.arange(rows * cols, device=depth.device).reshape(1, rows, cols))[0]  # of the pins
+    pushed = torch.zeros_like(depth).flatten(1).index_add(1, pixels, push)
+    return depth - _solve(pushed.view_as(depth), pitch) if push.any() else depth
 
 
 def surface_slopes(depth: Tensor, pitch: tuple[float, float]) -> Tensor:
@@ -67,17 +69,6 @@ def _solve(laplacian: Tensor, pitch: tuple[float, float]) -> Tensor:  # (B, H, W
 def _rim(surface: Tensor) -> Tensor:  # (B, H, W) to (B, P)
     """List the values at the pins: along the first and last row, then the first and last column. A corner has two."""
     return torch.cat([surface[:, 0], surface[:, -1], surface[:, :, 0], surface[:, :, -1]], dim=1)
-
-
-def _at_rim(values: Tensor, rows: int, cols: int) -> Tensor:  # (B, P) to (B, rows, cols)
-    """Add up the pins' values at their pixels; the others are 0."""
-    surface = values.new_zeros(len(values), rows, cols)
-    first_row, last_row, first_col, last_col = torch.split(values, [cols, cols, rows, rows], dim=1)
-    surface[:, 0] += first_row
-    surface[:, -1] += last_row
-    surface[:, :, 0] += first_col
-    surface[:, :, -1] += last_col
-    return surface
 
 
 @lru_cache(maxsize=4)
