@@ -55,8 +55,8 @@ class TouchReading:
     indentation: NDArray[np.float32]  # (rows, cols) m, >= 0: how deep the gel's surface lies below its rest
     contact: NDArray[np.bool_]  # (rows, cols): where something touches
     sensor: Sensor  # with the photograph's pixels
-    # whether the photograph shows a press at the rim, where depth is taken to be 0: the gel lies deeper everywhere than is read, as it does
-    # when something tilts all of it
+    # whether the photograph shows a press at the rim: the gel may lie deeper than is read, for depth is measured from the part of the rim
+    # that holds it, and is too small where that is pressed as well
     rim_pressed: bool
     slid: SlidDots | None = None  # of a reader of slides
 

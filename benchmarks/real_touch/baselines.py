@@ -10,7 +10,7 @@ from torch import nn
 from torch.nn.functional import smooth_l1_loss
 
 from benchmarks.real_touch.photograph_sets import PhotographSet, ball_press, distances
-from pipeline.kernels.networks.local_network import integrate_slopes
+from pipeline.kernels.networks.slope_integration import integrate_slopes
 
 Slopes = Callable[[NDArray[np.uint8]], NDArray[np.float64]]
 """Reads (2, rows, cols) slopes of depth along x and y in a photograph."""

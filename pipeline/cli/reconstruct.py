@@ -161,7 +161,7 @@ def read_touch(
             continue
         reading_seconds += time.perf_counter() - start
         area = MM2 * float(reading.contact.sum()) * float(np.prod(reading.sensor.pitch))
-        rim = "; the rim is pressed, where depth is taken to be 0: the gel lies deeper than this" if reading.rim_pressed else ""
+        rim = "; the rim is pressed: the gel may lie deeper than this" if reading.rim_pressed else ""
         print_lines(f"{name}: deepest {MM * float(reading.indentation.max()):.3f} mm, contact {area:.2f} mm²{rim}")
         if reading.slid is not None:
             print_lines(f"  {reading.slid}")

@@ -19,6 +19,7 @@ from pipeline.entries import Entries
 from pipeline.errors import InvalidInput
 from pipeline.formats.image_file import read_image
 from pipeline.kernels.networks.local_network import LocalNetwork, pixel_positions, without_drift
+from pipeline.kernels.networks.slope_integration import free_pressed_rim
 from pipeline.kernels.networks.unet import UNet, contact_mask
 from pipeline.kernels.tensors import COLOURS, network_input
 from pipeline.kernels.touch.depth_maps import gel_surface, gel_top
@@ -177,7 +178,7 @@ class LocalTouchModel(TouchModel):
             for first in range(0, max(len(images), 1), IMAGES_AT_ONCE):  # an empty batch is read too
                 change = without_drift(self._resized(images[first : first + IMAGES_AT_ONCE], parameter) - untouched_levels)
                 shape = self.network(change, position, pitch)
-                depth = (shape.depth.clamp(min=0) / MM).cpu()
+                depth = (free_pressed_rim(shape.depth, shape.slopes, pitch).clamp(min=0) / MM).cpu()
                 margins = [contact_margin(surface, self.sensor.pitch, self.sensor.layer_thickness) for surface in depth.double().numpy()]
                 maps = torch.stack([depth, torch.tensor(np.array(margins)).reshape(depth.shape).to(depth)], dim=1)
                 batches.append(interpolate(maps, size=images.shape[1:3], mode="bilinear"))

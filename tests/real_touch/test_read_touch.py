@@ -245,7 +245,11 @@ def test_options_that_exclude_each_other_are_errors(folder: Path, options: list[
 
 
 def test_slides_are_followed_by_their_dots_from_photograph_to_photograph(tmp_path: Path, folder: Path) -> None:
-    """An untrained network sees no press: the dots alone tell that the gel is sheared, which is said."""
+    """A blind network sees no press: the dots alone tell that the gel is sheared, which is said."""
+    network = LocalNetwork(4)
+    for parameter in network.parameters():
+        torch.nn.init.zeros_(parameter)
+    save_sensor_network(LocalTouchModel(network, SENSOR, UNTOUCHED), tmp_path / "blind")
     sensor = resample(SENSOR, 96, 128)
     dots = MarkerGrid(rows=5, cols=6, radius=5e-4).positions(sensor.width, sensor.height)
     photographs = tmp_path / "photographs"
@@ -256,7 +260,7 @@ def test_slides_are_followed_by_their_dots_from_photograph_to_photograph(tmp_pat
         if name == "c":
             image[:20, :20] = untouched_image(sensor)[:20, :20]  # a dot is covered
         Image.fromarray(image).save(photographs / f"{name}.png")
-    options = ["--untouched", photographs / "untouched.png", "--sensor", folder / "my_gel.yaml", "--slides"]
+    options = ["--untouched", photographs / "untouched.png", "--sensor", folder / "my_gel.yaml", "--slides", "--model", tmp_path / "blind"]
     printed = " ".join(vt("read-touch", photographs, *options, "--out", tmp_path / "out").split())
     assert "force 0.000 0.000 0.000 N" in printed
     assert printed.count("what moves the dots does not show in the photograph") == 2
