@@ -260,7 +260,7 @@ def test_slides_are_followed_by_their_dots_from_photograph_to_photograph(tmp_pat
         if name == "c":
             image[:20, :20] = untouched_image(sensor)[:20, :20]  # a dot is covered
         Image.fromarray(image).save(photographs / f"{name}.png")
-    options = ["--untouched", photographs / "untouched.png", "--sensor", folder / "my_gel.yaml", "--slides", "--model", tmp_path / "blind"]
+    options = ["--untouched", photographs / "untouched.png", "--sensor", folder / "my_gel.yaml", "--model", tmp_path / "blind", "--slides"]
     printed = " ".join(vt("read-touch", photographs, *options, "--out", tmp_path / "out").split())
     assert "force 0.000 0.000 0.000 N" in printed
     assert printed.count("what moves the dots does not show in the photograph") == 2
