@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from pydantic import model_validator
 
-from pipeline.config.settings import setting
+from pipeline.config.settings import defining, setting
 from pipeline.engine.stage import Cost
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.networks.network_configurations import IMPLICIT_CONFIGURATIONS, Norm
@@ -36,7 +36,7 @@ class ImplicitSettings(ReconstructionSettings):
 
     configurations = IMPLICIT_CONFIGURATIONS
 
-    configuration: str = setting("implicit-unoccluded", f"which network: {', '.join(IMPLICIT_CONFIGURATIONS)}", changes="definition")
+    configuration: str = defining("implicit-unoccluded", f"which network: {', '.join(IMPLICIT_CONFIGURATIONS)}")
     features: int = setting(128, "of each layer of the decoder", ge=2, le=2**12)
     blocks: int = setting(3, "residual blocks of the decoder, of two layers each", ge=0, le=100)
     band: float = setting(
