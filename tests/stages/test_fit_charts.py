@@ -125,7 +125,7 @@ def trained(folder: Path, sensor: Sensor = SENSOR, constant: float = 0.6) -> dic
         for parameter in network.parameters():
             parameter.zero_()
         *_, bias = network.parameters()
-        bias.fill_(1.0)
+        bias.fill_(np.log(constant / (1 - constant)))
     folder.mkdir()
     save_touch_model(folder, network, sensor=sensor, untouched=untouched_image(sensor), mask_threshold=0.001)
     return {NETWORKS["predicted"]: folder}
