@@ -140,7 +140,8 @@ class ImplicitLearner(ReconstructionLearner):
             points, point_distances = (items.rows.read(name, object_id) for name in ("query_points", "signed_distance"))
             rows = torch.randint(len(points), (count,), generator=generator).numpy()
             if share and observation.touched.any():
-                rows[: round(share * count)] = nearest_rows(points, observation.touches)[rows[: round(share * count)] // NEAR_TOUCHES]
+                near = rows[: round(share * count)]  # a view
+                near[:] = nearest_rows(points, observation.touches)[near // NEAR_TOUCHES]
             queries.append(items.scaled(points[rows], object_id))
             distances.append(np.float32(items.scale(object_id)) * point_distances[rows])
         return torch.from_numpy(np.stack(queries)), torch.from_numpy(np.stack(distances))

@@ -157,7 +157,7 @@ class ImplicitNetwork(nn.Module):
         if self.encoder is None or not code.maps or code.cameras is None:
             return hidden
         seen = unit[code.with_image]
-        pixels = project_to_pixels(code.cameras, seen * self.config.radius + seen.new_tensor(self.config.centre))
+        pixels = project_to_pixels(code.cameras, self._world(seen))
         features = pool_features(code.maps, (MapGrid(), *self.encoder.grids), pixels)
         if self.config.of_camera:
             features = torch.cat([features, positions_in_view(code.cameras, seen, self.config)], dim=2)
@@ -179,7 +179,7 @@ class ImplicitNetwork(nn.Module):
         touches = code.touches
         if touches is None or self.config.touch_reach < SMALLEST_REACH or not bool(touches.touched.any()):
             return None
-        predicted = self.decode(code, touches.points * self.config.radius + touches.points.new_tensor(self.config.centre))
+        predicted = self.decode(code, self._world(touches.points))
         return predicted * (touches.touched & touches.normals.any(dim=2))
 
     def decode_with_touches(
@@ -213,6 +213,10 @@ class ImplicitNetwork(nn.Module):
         touches = code.touches
         touched = self.last.weight.new_zeros(0, 3) if touches is None else touches.points[touches.touched]
         return np.asarray(self.config.radius * touched.double().cpu().numpy() + np.array(self.config.centre))
+
+    def _world(self, unit: Tensor) -> Tensor:
+        """Convert radii from the centre to world, m."""
+        return unit * self.config.radius + unit.new_tensor(self.config.centre)
 
     def _unit(self, points: Tensor) -> Tensor:
         """Convert world, m, to radii from the centre."""

@@ -29,7 +29,7 @@ SLIDING = 0.75  # share of the friction from which half of a contact slides: the
 
 
 class ReadShear(NamedTuple):
-    """The shear of a gel, as its dots tell it; all zeros where nothing presses on it."""
+    """The shear of a gel that its dots show; all zeros where nothing presses on it."""
 
     displacement: Array  # (rows, cols, 2) of the gel's surface from its rest, m
     traction: Array  # (rows, cols, 2) of the object on the gel, Pa
@@ -115,7 +115,7 @@ def _terms(load: Array, pitch: tuple[float, float]) -> Array:  # (6, rows, cols)
 
 @dataclass(frozen=True, eq=False)
 class SlidDots:
-    """The dots of a gel in a photograph, and what their motion tells."""
+    """The dots of a gel in a photograph, and what their motion shows."""
 
     positions: Array  # (M, 2) x and y from the gel's middle, m, of the dots at rest
     moved: Array  # (M, 2) m; NaN for dots that are lost
