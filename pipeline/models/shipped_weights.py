@@ -62,8 +62,9 @@ class ModelCard(Entries):
         if diagonal is None:
             return errors.get("all")
         of_sizes = [error for name, error in errors.items() if name.endswith(" m")]
-        like = (error for error in [*of_sizes, *filter(None, [errors.get("all")])] if is_like(diagonal, error.diagonals))
-        return next(like, None)
+        measured = [*of_sizes, *filter(None, [errors.get("all")])]
+        like = min(measured, key=lambda error: size_ratio(diagonal, error.diagonals), default=None)
+        return like if like and is_like(diagonal, like.diagonals) else None
 
 
 def is_like(diagonal: float, sizes: tuple[float, float]) -> bool:

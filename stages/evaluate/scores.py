@@ -225,8 +225,11 @@ def not_learned(directory: DataDirectory, models: Mapping[str, Reconstructor], *
 
 def learned_objects(directory: DataDirectory, network: str) -> tuple[str, ...]:
     """Name the test objects that a pretrained network has learned from."""
-    manifests = map(load_manifest, read_card(network).learned_from)
-    learned = {identity(item.source) for manifest in manifests for item in manifest.objects(None) if item.split == "train"}
+    learned: set[str] = set()
+    for manifest in map(load_manifest, read_card(network).learned_from):
+        sources = tuple(source for source in manifest.sources if source.split in (None, "train"))  # others need not be installed
+        objects = manifest.model_copy(update={"sources": sources}).objects(None)
+        learned |= {identity(item.source) for item in objects if item.split == "train"}
     rows = ObjectRows(directory.root, ["source_file", "source_sha256"], "test")
     return tuple(name for name in rows.object_ids if learned & {str(rows.read(array, name)) for array in ("source_file", "source_sha256")})
 

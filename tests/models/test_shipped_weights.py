@@ -32,7 +32,8 @@ TOY = ship_weights.load_manifest("toy")
 def data(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("balls")
     spheres.make_data(folder, 3, ("train", "test"))
-    spheres.make_implicit_model(folder, NETWORK, spacing=0.05)
+    for name in (NETWORK, "implicit-gels"):
+        spheres.make_implicit_model(folder, name, spacing=0.05)
     (unet := folder / "made").mkdir()
     with torch.random.fork_rng():
         torch.manual_seed(0)
@@ -50,7 +51,7 @@ def weights(data, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("shipped") / "weights"
     tested = TOY.sources[0].model_copy(update={"split": "test", "licence": "of objects to test on"})
     manifest = TOY.model_copy(update={"sources": (*TOY.sources, tested)})
-    for old in (f"implicit/{NETWORK}-old/model.json", "implicit/implicit-gels.card.yaml", "unet.json", "sensors/gelsight.card.yaml"):
+    for old in (f"implicit/{NETWORK}-old/model.json", "implicit/other.json", "unet.json", "sensors/gelsight.card.yaml"):
         (folder / old).parent.mkdir(parents=True, exist_ok=True)
         (folder / old).write_text("old")
     with pytest.MonkeyPatch.context() as patch:
@@ -58,6 +59,7 @@ def weights(data, tmp_path_factory) -> Path:
         for module in MODULES:
             patch.setattr(f"{module}.SHIPPED", folder)
         ship_weights.ship(data)
+        ship_weights.ship(data, "implicit-gels")
     return folder
 
 
@@ -70,7 +72,11 @@ def shipped(weights, tmp_path, monkeypatch) -> Path:
 
 
 def test_shipped_network_has_a_card_with_sources_licences_and_errors_by_row_and_class(shipped):
-    card = read_card(NETWORK, shipped)
+    gels, card = read_card("implicit-gels", shipped), read_card(NETWORK, shipped)
+    assert "make gel-weights; " in gels.command
+    assert {"implicit-gels-touch", "implicit-gels-occluded-touch"} <= gels.errors.keys()
+    assert not gels.errors.keys() & {f"{NETWORK}-touch"}
+    assert "make weights; " in card.command
     assert card.learned_from == {"toy": 2}
     assert [source.licence for source in card.trained_on] == [source.licence for source in TOY.sources]
     assert {f"{NETWORK}-touch", f"{NETWORK}-occluded-touch", "training object, by touch"} <= card.errors.keys()
@@ -82,7 +88,7 @@ def test_shipped_network_has_a_card_with_sources_licences_and_errors_by_row_and_
 
 def test_shipping_replaces_its_files_and_keeps_the_other_networks(shipped, data):
     assert (shipped / "sensors" / "gelsight.card.yaml").read_text() == "old"
-    assert (shipped / "implicit" / "implicit-gels.card.yaml").read_text() == "old"
+    assert (shipped / "implicit" / "other.json").read_text() == "old"
     assert not (shipped / "implicit" / f"{NETWORK}-old").exists()
     assert (shipped / "unet.json").read_text() != "old"
     with pytest.raises(StageError, match="implicit-touch does not ship; choose implicit-any or implicit-gels"):

@@ -19,7 +19,7 @@ from pipeline.contrib.report.report_source import ReportSource, errors_table
 from pipeline.contrib.report.results import DEFAULT_SERIES, _ways, summarise
 from pipeline.engine.plan import Request
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.models.shipped_weights import DEFAULT
+from pipeline.models.shipped_weights import DEFAULT, read_card
 from pipeline.store.directory import DataDirectory
 from pipeline.tables.comparison import scores
 from pipeline.tables.evaluation_tables import evaluation_tables
@@ -144,11 +144,14 @@ def test_the_measured_network_is_that_for_the_size_of_the_test_objects(data, tmp
     assert list(scored["configurations"]) == [f"shipped-{way}" for way in WAYS]
 
 
-def test_rows_name_the_test_objects_that_the_network_haslearned_objects(data, tmp_path, monkeypatch):
+@pytest.mark.parametrize("manifest", ["weights", "hand-sized-test"])  # one with objects to test on that are not installed
+def test_rows_name_the_test_objects_that_the_network_has_learned_from(data, tmp_path, monkeypatch, manifest):
     ship(monkeypatch, data)
+    card = read_card(DEFAULT).model_copy(update={"learned_from": {manifest: 1}})
+    monkeypatch.setattr("stages.evaluate.scores.read_card", lambda _: card)
     copy = Path(shutil.copytree(data, tmp_path / "data"))
     (given,) = (stage for stage in spheres.stages() if stage.output is SURFACES)
-    learned = next(item for item in load_manifest("weights").objects(None) if item.split == "train")
+    learned = next(item for item in load_manifest(manifest.removesuffix("-test")).objects(None) if item.split == "train")
     sources = {name: f"procedural bottle {name}, seed 9" for name in "abcd"} | {"b": identity(learned.source)}
     asked: Any = Request(given, Settings(), "balls", OBJECTS, "draft", 1, copy)
     pack(asked, lambda unit: given.row(unit) | {"source_file": np.array(sources[unit.name]), "source_sha256": np.array("")})
