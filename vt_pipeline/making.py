@@ -113,7 +113,7 @@ def reconstruct(
     models
         Folder of trained models, DATA/models, or `shipped`: by default, the pretrained networks.
     configuration
-        Which of them; by default `occluded-touch`, of the pretrained ones `implicit-any`, which accepts any subset of inputs.
+        Which of them; by default `occluded-touch`, of the pretrained ones, which accept any subset of inputs, that for the object's size.
     resolution
         Edges of the closed mesh along the longest side of its box, 64 to 400.
     training_seed

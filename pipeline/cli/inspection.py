@@ -29,7 +29,9 @@ def check(
     ],
     picture: Annotated[Path | None, Option(help="PNG to draw it in; by default NAME.png in the current folder.")] = None,
     models: Annotated[str | None, Option(help="Folder of trained models, for an observation; by default the pretrained ones.")] = None,
-    configuration: Annotated[str | None, Option(help="Which of MODELS; by default occluded-touch, pretrained: implicit-any.")] = None,
+    configuration: Annotated[
+        str | None, Option(help="Which of MODELS; by default occluded-touch; pretrained: by the object's size.")
+    ] = None,
     objects: options.ObjectsOption = None,
     units: options.UnitsOption = None,
     up: options.UpOption = None,
@@ -49,8 +51,7 @@ def check(
         from pipeline.reconstruct.observation_picture import draw_observation
         from pipeline.reconstruct.predict import PredictOptions
 
-        network = PredictOptions(models, configuration)
-        lines = draw_observation(path, drawing, network.reader().target)
+        lines = draw_observation(path, drawing, PredictOptions(models, configuration).reader(path).target)
     elif models is not None or configuration is not None:
         option = f"--models {models}" if configuration is None else f"--configuration {configuration}"
         raise InvalidInput(f"{path} is a {kind} file; only an observation is checked against models: leave out {option}")

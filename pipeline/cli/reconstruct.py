@@ -27,7 +27,7 @@ def predict(
     out: Annotated[Path, Argument(help="File to write: .obj, .ply or .glb. Metres, world frame, or the observation's; GLB: metres, y up.")],
     configuration: Annotated[
         str | None,
-        Option(help="Which model of MODELS: touch, implicit-any, …; by default occluded-touch, of pretrained ones implicit-any."),
+        Option(help="Which model of MODELS: touch, implicit-any, …; by default occluded-touch; pretrained: by the object's size."),
     ] = None,
     data: Annotated[str | None, Option(help="Data directory; with --object, instead of files.")] = None,
     models: Annotated[str | None, Option(help="Folder of models, or shipped; by default DATA/models, else the pretrained ones.")] = None,

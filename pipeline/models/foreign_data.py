@@ -34,11 +34,6 @@ def same_gel(one: Sensor, other: Sensor) -> bool:
     return bool(np.allclose(ours, theirs, rtol=SIZE_TOLERANCE, atol=0))
 
 
-def learned_sizes(trained: Trained) -> tuple[float, float]:
-    """Return the diagonals of the smallest and largest object that a network has learned from, m."""
-    return trained.diagonals or (2 * trained.network.radius, 2 * trained.network.radius)
-
-
 def size_remarks(
     trained: Trained,
     diagonals: Sequence[float],  # m, of the objects
@@ -46,7 +41,7 @@ def size_remarks(
     learned: Sensor | None = None,  # the sensor of the network's touch charts
 ) -> Iterator[str]:
     """Warn of objects of other sizes than those learned, and of gels that are wider or narrower beside the object."""
-    sizes = learned_sizes(trained)
+    sizes = trained.sizes
     if not all(is_like(diagonal, sizes) for diagonal in diagonals):
         subject = "the object's diagonal is" if len(diagonals) == 1 else "the objects' diagonals are"
         text = f"{subject} {range_text(diagonals)} m, the network has learned from objects of {range_text(sizes)} m"

@@ -83,6 +83,11 @@ class Trained(Entries):
         """`camera` as an array (3, 4)."""
         return None if self.camera is None else np.array(self.camera)
 
+    @property
+    def sizes(self) -> tuple[float, float]:
+        """Diagonals of the smallest and largest object that it learned from, m."""
+        return self.diagonals or (2 * self.network.radius, 2 * self.network.radius)
+
     def restricted_to(self, inputs: NetworkInputs) -> Self:
         """Describe a network that takes any inputs as one that takes these."""
         return self.model_copy(update={"network": self.network.restricted_to(inputs)})
@@ -118,8 +123,13 @@ class Reconstructor(ABC):
     has_charts: ClassVar[bool] = False  # deforms vision charts; else it makes meshes of its own
 
     def __init__(self, folder: Path, device: torch.device | str = "cpu") -> None:
-        self.trained = read_description(folder, create_model("Trained", __base__=Trained, network=self.config_type))
+        self.trained = self.described(folder)
         self.network = load_network(folder, lambda: self.network_type(self.trained.network), device)
+
+    @classmethod
+    def described(cls, folder: Path) -> Trained:
+        """Read the description of a trained network, without its weights."""
+        return read_description(folder, create_model("Trained", __base__=Trained, network=cls.config_type))
 
     @property
     def config(self) -> NetworkInputs:

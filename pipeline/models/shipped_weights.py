@@ -12,7 +12,7 @@ from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.formats.file_content import read_file
 from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL
-from pipeline.models.families import ROWS, model_record, trained_models
+from pipeline.models.families import ROWS, model_record, reconstructor_type, trained_folder, trained_models
 from pipeline.models.model_files import DESCRIPTION
 from pipeline.store.storage import Location, as_location
 
@@ -20,7 +20,7 @@ SHIPPED = Path(pipeline.__file__).parent / "assets" / "weights"
 """Laid out as DATA/models. `make weights` fills it; a version without weights has no such folder."""
 SENSORS = "sensors"
 """Folder below `SHIPPED` of the networks that read photographs, by their sensor's name. `make sensor-weights` fills it."""
-DEFAULT = "implicit-any"  # the network that reconstructs if none is named
+DEFAULT = "implicit-any"  # the network that reconstructs objects of unknown size, if none is named
 CARD = "{}.card.yaml"
 MAX_BYTES = 2**16  # largest size of a card
 UNLIKE = 1.25  # ratio of sizes beyond which objects, and gels beside them, are unlike those of a training or measurement
@@ -62,13 +62,19 @@ class ModelCard(Entries):
         if diagonal is None:
             return errors.get("all")
         of_sizes = [error for name, error in errors.items() if name.endswith(" m")]
-        like = (error for error in [*of_sizes, *filter(None, [errors.get("all")])] if is_like(diagonal, error.diagonals))
-        return next(like, None)
+        measured = [*of_sizes, *filter(None, [errors.get("all")])]
+        like = min(measured, key=lambda error: size_ratio(diagonal, error.diagonals), default=None)
+        return like if like and is_like(diagonal, like.diagonals) else None
 
 
 def is_like(diagonal: float, sizes: tuple[float, float]) -> bool:
     """Check whether an object of a diagonal is about as large as others of a range of diagonals."""
-    return sizes[0] / UNLIKE <= diagonal <= sizes[1] * UNLIKE
+    return size_ratio(diagonal, sizes) <= UNLIKE
+
+
+def size_ratio(diagonal: float, sizes: tuple[float, float]) -> float:
+    """Compute how many times an object is larger or smaller than those of a range of diagonals; 1 for one of the range."""
+    return max(sizes[0] / diagonal, diagonal / sizes[1], 1.0)
 
 
 def shipped_models() -> Path:
@@ -78,6 +84,16 @@ def shipped_models() -> Path:
             "no network ships with this version of vt-pipeline: name a folder of models with --models, or a data directory with --data"
         )
     return SHIPPED
+
+
+def shipped_network(diagonal: float | None = None) -> str:
+    """Choose the pretrained network that has learned from objects most like one of a diagonal, m; `DEFAULT` if that is not known."""
+    if diagonal is None:
+        return DEFAULT
+    models = shipped_models()
+    networks = dict.fromkeys(ROWS[name].network for name in trained_models(models))
+    sizes = {name: reconstructor_type(name).described(trained_folder(models, name)).sizes for name in networks}
+    return min(networks, key=lambda name: size_ratio(diagonal, sizes[name]))
 
 
 def models_location(name: str) -> Location:

@@ -9,7 +9,7 @@ from scipy.ndimage import binary_dilation, binary_erosion
 from pipeline.kernels.geometry.transforms import pose_of
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.view_transfer import camera_direction, moved_projection, optical_centre, split_projection
-from pipeline.models.foreign_data import learned_sizes, same_gel
+from pipeline.models.foreign_data import same_gel
 from pipeline.models.reconstruction import Trained
 from pipeline.reconstruct.observation_file import RobotObservation
 from pipeline.reconstruct.observed_touch import ObservedTouch
@@ -32,7 +32,7 @@ class Target(Trained):
     @property
     def size(self) -> float:
         """The middle, on a scale of ratios, of the sizes of the objects that the network learned from, m."""
-        return float(np.sqrt(np.prod(learned_sizes(self))))
+        return float(np.sqrt(np.prod(self.sizes)))
 
 
 @dataclass(frozen=True)

@@ -75,6 +75,12 @@ def check(source: Path | RobotObservation, target: Target | None = None) -> Chec
     return CheckedObservation(observation, box, target)
 
 
+def find_box(source: Path | RobotObservation) -> ObjectBox | None:
+    """Find the object of an observation that is yet to be checked, without a network; None if faults keep it from being found."""
+    observation = read_observation(source)[0] if isinstance(source, Path) else source
+    return None if observation is None or any(_distant_positions(observation)) else find_object(observation, None)
+
+
 def used_inputs(network: NetworkInputs, observation: RobotObservation) -> NetworkInputs:
     """Choose the inputs that a network gets from an observation; a network that accepts any subset gets those that are present.
 

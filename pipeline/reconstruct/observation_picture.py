@@ -13,6 +13,7 @@ from pipeline.drawing.grasp_pictures import gel_squares
 from pipeline.drawing.plots import save_figure
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import optical_centre, split_projection
+from pipeline.models.foreign_data import range_text
 from pipeline.reconstruct.object_location import ObjectBox, Target
 from pipeline.reconstruct.observation_checks import CheckedObservation, check
 from pipeline.reconstruct.observation_file import RobotObservation, View
@@ -35,7 +36,8 @@ def draw_observation(path: Path, picture: Path, target: Target) -> list[str]:
     for axes, draw in zip(figure.subplots(1, len(panels)), panels, strict=True):
         draw(axes)
     save_figure(figure, picture)
-    remarks = [f"with model {target.configuration}:{'' if placed.remarks else ' no remark'}", *placed.remarks]
+    model = f"model {target.configuration}, trained with objects of {range_text(target.sizes, '.2g')} m"
+    remarks = [f"with {model}:{'' if placed.remarks else ' no remark'}", *placed.remarks]
     return [f"{path}: observation, no faults", *_described(observation, box), *remarks, f"picture: {picture}"]
 
 

@@ -16,60 +16,23 @@ from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.kernels.vision.view_transfer import foreground
 from pipeline.models.device import device_of
 from pipeline.models.families import load_reconstructor, model_name, trained_folder, trained_models
-from pipeline.models.foreign_data import as_learned, size_remarks
+from pipeline.models.foreign_data import as_learned, range_text, size_remarks
 from pipeline.models.observation import Observation
-from pipeline.models.reconstruction import Reconstruction, close_reconstruction
-from pipeline.models.shipped_weights import DEFAULT, SHIPPED, models_location, shipped_models
+from pipeline.models.reconstruction import Reconstruction, Trained, close_reconstruction
+from pipeline.models.shipped_weights import SHIPPED, models_location, shipped_models, shipped_network
 from pipeline.reconstruct.mesh_files import ClosedMesh, check_output, write_charts, write_closed
 from pipeline.reconstruct.network_error import error_note
 from pipeline.reconstruct.object_location import turn_to_z
-from pipeline.reconstruct.observation_checks import check
+from pipeline.reconstruct.observation_checks import check, find_box
 from pipeline.reconstruct.observation_file import RobotObservation
 from pipeline.reconstruct.observation_placement import Placement, describe_object, place_observation
-from pipeline.reconstruct.observation_reader import ObservationReader, object_mask
+from pipeline.reconstruct.observation_reader import ObservationReader, object_mask, open_object
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location
 from pipeline.store.validate import check_origins
 
 Surface = Literal["charts", "joined", "both", "closed"]
 RESOLUTIONS = 64, 400  # fewest and most edges of a closed mesh
-
-
-@dataclass(frozen=True)
-class PredictOptions:
-    """Which network predicts, and how."""
-
-    models: Location | str | None = None  # folder of models, or `shipped`; by default the data directory's if it holds some, else `shipped`
-    configuration: str | None = None  # the network; by default `occluded-touch`, of the pretrained ones that which accepts any inputs
-    training_seed: int = 0  # of which training the network is
-    accelerator: str = "auto"  # where networks run: "cpu", "cuda", or "auto"
-    seed: int = 0  # of the chart fitting
-    resolution: int = RESOLUTION  # edges of the closed mesh along the longest side of its box
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.resolution, int | np.integer) or not RESOLUTIONS[0] <= self.resolution <= RESOLUTIONS[1]:
-            raise InvalidInput(f"resolution is {self.resolution!r}; it must be a whole number, {RESOLUTIONS[0]} to {RESOLUTIONS[1]}")
-        for name in ("training_seed", "seed"):
-            if not isinstance(value := getattr(self, name), int | np.integer) or value < 0:
-                raise TypeError(f"{name} is a whole number, 0 or more; this is {value!r}")
-
-    def network(self, data: Location | None = None) -> tuple[Location, str]:
-        """Choose the folder of models and the network, for objects of a data directory if one is named."""
-        models = models_location(self.models) if isinstance(self.models, str) else self.models
-        if models is None and data is not None:
-            trained = trained_models(data / "models", self.training_seed)
-            models = data / "models" if trained or self.training_seed or not trained_models(SHIPPED) else None
-        if models is None and self.training_seed:
-            raise StageError(f"a pretrained network has one training; name models of training seed {self.training_seed}, or omit the seed")
-        folder = shipped_models() if models is None else models
-        return folder, self.configuration or (DEFAULT if folder == SHIPPED else "occluded-touch")
-
-    def reader(self, data: Location | None = None) -> ObservationReader:
-        """Load the network and the reader of its inputs."""
-        models, configuration = self.network(data)
-        device = device_of(self.accelerator)
-        model = load_reconstructor(configuration, trained_folder(models, configuration, self.training_seed), device)
-        return ObservationReader(model, models, device, self.seed, self.training_seed)
 
 
 @dataclass(frozen=True)
@@ -94,6 +57,46 @@ class StoredGrasps:
 
 
 Observed = StoredGrasps | RobotObservation | Path | None
+
+
+@dataclass(frozen=True)
+class PredictOptions:
+    """Which network predicts, and how."""
+
+    models: Location | str | None = None  # folder of models, or `shipped`; by default the data directory's if it holds some, else `shipped`
+    configuration: str | None = None  # the network; by default `occluded-touch`, of the pretrained ones that for the object's size
+    training_seed: int = 0  # of which training the network is
+    accelerator: str = "auto"  # where networks run: "cpu", "cuda", or "auto"
+    seed: int = 0  # of the chart fitting
+    resolution: int = RESOLUTION  # edges of the closed mesh along the longest side of its box
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.resolution, int | np.integer) or not RESOLUTIONS[0] <= self.resolution <= RESOLUTIONS[1]:
+            raise InvalidInput(f"resolution is {self.resolution!r}; it must be a whole number, {RESOLUTIONS[0]} to {RESOLUTIONS[1]}")
+        for name in ("training_seed", "seed"):
+            if not isinstance(value := getattr(self, name), int | np.integer) or value < 0:
+                raise TypeError(f"{name} is a whole number, 0 or more; this is {value!r}")
+
+    def network(self, source: Observed = None) -> tuple[Location, str]:
+        """Choose the folder of models and the network; of pretrained ones, that which has learned from objects as large as the source's."""
+        data = source.data if isinstance(source, StoredGrasps) else None
+        models = models_location(self.models) if isinstance(self.models, str) else self.models
+        if models is None and data is not None:
+            trained = trained_models(data / "models", self.training_seed)
+            models = data / "models" if trained or self.training_seed or not trained_models(SHIPPED) else None
+        if models is None and self.training_seed:
+            raise StageError(f"a pretrained network has one training; name models of training seed {self.training_seed}, or omit the seed")
+        folder = shipped_models() if models is None else models
+        if self.configuration or folder != SHIPPED:
+            return folder, self.configuration or "occluded-touch"
+        return folder, shipped_network(_diagonal_of(source))
+
+    def reader(self, source: Observed = None) -> ObservationReader:
+        """Load the network for a source, and the reader of its inputs."""
+        models, configuration = self.network(source)
+        device = device_of(self.accelerator)
+        model = load_reconstructor(configuration, trained_folder(models, configuration, self.training_seed), device)
+        return ObservationReader(model, models, device, self.seed, self.training_seed)
 
 
 @dataclass(frozen=True)
@@ -134,12 +137,11 @@ def predict(
     check_output(out)
     if isinstance(source, Path):
         read_yaml(source, "observation file")  # before networks are read, which takes longer
-    data = source.data if isinstance(source, StoredGrasps) else None
     options = options or PredictOptions()
     with Meter(errors, "predict", 3, "steps", after=1.0) as meter:
-        reader = options.reader(data)
+        reader = options.reader(source)
         meter.advance("the network is read")
-        prediction = _predicted(reader, source, surface, options.resolution)
+        prediction = _predicted(options, reader, source, surface)
         meter.advance("the surface is made")
         prediction = replace(prediction, files=_write(out, prediction, surface))
         meter.advance("and written")
@@ -149,7 +151,7 @@ def predict(
 def reconstruct(observation: Path | RobotObservation, options: PredictOptions | None = None) -> Prediction:
     """Reconstruct an object from a robot's observation, with a closed mesh, and write nothing."""
     options = options or PredictOptions()
-    return _predicted(options.reader(), observation, "closed", options.resolution)
+    return _predicted(options, options.reader(observation), observation, "closed")
 
 
 @dataclass(frozen=True)
@@ -164,7 +166,21 @@ class _Given:
     diagonal: float | None = None  # of the object, m, if it is known
 
 
-def _predicted(reader: ObservationReader, source: Observed, surface: Surface, resolution: int) -> Prediction:
+def _diagonal_of(source: Observed) -> float | None:
+    """Find how large an object is, m, before its network is chosen; None if that is not known."""
+    if isinstance(source, StoredGrasps):
+        return open_object(source.data, ["points"], source.object_id, ()).diagonal(source.object_id)
+    box = None if source is None else find_box(source)
+    return None if box is None else box.diagonal
+
+
+def _choice_remark(trained: Trained, diagonal: float | None) -> str:
+    """Say which pretrained network was chosen, and why."""
+    unknown = "" if diagonal is not None else "; taken as the object's size is not known: state object.diagonal"
+    return f"{trained.configuration}: trained with objects of {range_text(trained.sizes, '.2g')} m{unknown}"
+
+
+def _predicted(options: PredictOptions, reader: ObservationReader, source: Observed, surface: Surface) -> Prediction:
     if isinstance(source, StoredGrasps):
         given = _of_object(reader, source)
     else:
@@ -172,11 +188,12 @@ def _predicted(reader: ObservationReader, source: Observed, surface: Surface, re
     inputs, placed, closed = given.inputs, given.placed, None
     reconstruction = given.reader.model.reconstruct([inputs])[0]
     if surface == "closed":
-        vertices, faces = close_reconstruction(reconstruction, resolution, inputs)
+        vertices, faces = close_reconstruction(reconstruction, options.resolution, inputs)
         closed = ClosedMesh.grey(placed.returned(vertices) if placed else vertices, faces)
         if given.photograph is not None:
             closed = closed.coloured(*given.photograph)
-    remarks = [*given.remarks]
+    is_chosen = options.configuration is None and reader.models == SHIPPED
+    remarks = [*([_choice_remark(reader.model.trained, given.diagonal)] if is_chosen else []), *given.remarks]
     if reconstruction.is_guess:
         remarks.append("warning: the network finds no point inside the object; the surface is a speck around the likeliest one")
     remarks.append(error_note(given.reader, given.diagonal))

@@ -1,6 +1,6 @@
 """Evaluations that may be compared: scores of other methods beside an evaluation, and evaluations of several trainings."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.console import Table, abbreviate
 from pipeline.errors import StoreError
+from pipeline.models.families import ROWS
 from pipeline.store.directory import DataDirectory
 from pipeline.store.validate import check_origins
 from stages.evaluate.baselines import BASELINE_PREFIX
@@ -73,7 +74,9 @@ def about_rows(folder: Path, scored: Sequence[Path], common: set[int] | None) ->
             learned = settings["learned_from"]
             known = f"; it was trained on {len(learned)} of these objects ({abbreviate(learned)})" if learned else ""
             differs = "".join(f"; {remark}" for remark in settings.get("not_learned", ()))
-            yield Table(f"{SHIPPED_ROWS}…: the pretrained network, given the first grasp of each object alone{known}{differs}.")
+            yield Table(
+                f"{SHIPPED_ROWS}…: the pretrained network {_network(settings)}, given the first grasp of each object alone{known}{differs}."
+            )
 
 
 def scores(directory: DataDirectory) -> dict[str, str | None]:
@@ -87,8 +90,13 @@ def _outdated(directory: DataDirectory, name: str) -> str | None:
         settings = read_root(directory.verified_folder(name))["settings"]
     except StoreError as error:
         return str(error)
-    other_weights = name == SHIPPED_SCORES and settings["weights"] != shipped_digest()
+    other_weights = name == SHIPPED_SCORES and settings["weights"] != shipped_digest(_network(settings))
     return "the pretrained network is another now; measure it with `report --shipped`" if other_weights else None
+
+
+def _network(settings: Mapping[str, Any]) -> str:
+    """Name the pretrained network of a score."""
+    return ROWS[settings["configurations"][0]].network
 
 
 def read_values(folders: Sequence[Path]) -> Trainings:

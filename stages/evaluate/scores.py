@@ -7,6 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 
 from pipeline.config.manifest import load_manifest
@@ -18,13 +19,14 @@ from pipeline.engine.plan import Request
 from pipeline.engine.stage import Cost, DatasetJob
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_companions import Companions
+from pipeline.kernels.geometry.mesh_cleaning import bounding_diagonal
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.models.device import device_of
 from pipeline.models.families import ROWS, load_reconstructor, load_rows, model_record, rows_of, trained_folder
 from pipeline.models.foreign_data import same_gel, size_remarks
 from pipeline.models.observation import stored_cameras
 from pipeline.models.reconstruction import Reconstructor
-from pipeline.models.shipped_weights import DEFAULT, SHIPPED, read_card, shipped_models
+from pipeline.models.shipped_weights import SHIPPED, read_card, shipped_models, shipped_network
 from pipeline.models.touch_model import load_touch_model
 from pipeline.store import digest
 from pipeline.store.digest import hashes_of
@@ -55,7 +57,7 @@ class ScoreSettings(GraspMeasuringSettings):
 
 
 class ShippedSettings(GraspMeasuringSettings):
-    """Choose the inputs of the pretrained network; these settings are those of `vt-pipeline report --shipped`."""
+    """Choose the inputs of a pretrained network; these settings are those of `vt-pipeline report --shipped`."""
 
     configurations: tuple[str, ...] = defining(..., "its inputs: rows of the tables")
     weights: str = defining(..., "SHA-256 of the record of the weights")
@@ -160,28 +162,32 @@ def measuring_settings(directory: DataDirectory) -> dict[str, Any]:
     return measuring | {"closed_resolution": None, "grasps": (1,)}
 
 
-def score_shipped(data: Location, console: Console) -> list[str]:
-    """Measure the pretrained network on the test objects; return the inputs that it was not given, and why."""
+def score_shipped(data: Location, console: Console, network: str | None = None) -> list[str]:
+    """Measure a pretrained network on the test objects, by default that for their size; name the inputs it was not given, and why."""
     directory = DataDirectory(data)
     surfaces = directory.collection(SURFACES)
-    if surfaces.shards and not any(surfaces.row(name).split == "test" for name in surfaces):
+    tested = [name for name in surfaces if surfaces.row(name).split == "test"]
+    if network is None:
+        diagonals = [bounding_diagonal(surfaces.view(name)["meshes/vertices"]) for name in tested]
+        network = shipped_network(float(np.median(diagonals)) if diagonals else None)
+    if surfaces.shards and not tested:
         rows, reasons = list[str](), ["the dataset has no test objects (`splits` of its manifest)"]
     else:
-        rows, reasons = fitting_rows(directory)
+        rows, reasons = fitting_rows(directory, network)
     if not rows:  # what was measured before is of a dataset that is gone
         withdraw(directory.folder_record(SHIPPED_SCORES))
         return reasons
-    models = load_rows(dict.fromkeys(rows, shipped_folder()), device_of("auto"))
+    models = load_rows(dict.fromkeys(rows, trained_folder(shipped_models(), network)), device_of("auto"))
     of_gels = is_given_gels(directory, next(iter(models.values())))
     settings = ShippedSettings(
         **measuring_settings(directory),
         configurations=tuple(rows),
-        weights=shipped_digest(),
-        learned_from=learned_objects(directory),
+        weights=shipped_digest(network),
+        learned_from=learned_objects(directory, network),
         not_learned=tuple(dict.fromkeys(not_learned(directory, models, of_gels=of_gels))),
     )
     networks = [
-        Network(SHIPPED_ROWS + name.removeprefix(f"{DEFAULT}-"), model, first_only=True, foreign=True, of_gels=of_gels)
+        Network(SHIPPED_ROWS + name.removeprefix(f"{network}-"), model, first_only=True, foreign=True, of_gels=of_gels)
         for name, model in models.items()
     ]
     artifacts = [artifact for artifact in artifacts_of(rows) if artifact is not CHARTS or not of_gels]
@@ -217,31 +223,29 @@ def not_learned(directory: DataDirectory, models: Mapping[str, Reconstructor], *
         yield "images are turned and zoomed to the camera that it was trained with"
 
 
-def learned_objects(directory: DataDirectory) -> tuple[str, ...]:
-    """Name the test objects that the pretrained network has learned from."""
-    manifests = map(load_manifest, read_card(DEFAULT).learned_from)
-    learned = {identity(item.source) for manifest in manifests for item in manifest.objects(None) if item.split == "train"}
+def learned_objects(directory: DataDirectory, network: str) -> tuple[str, ...]:
+    """Name the test objects that a pretrained network has learned from."""
+    learned: set[str] = set()
+    for manifest in map(load_manifest, read_card(network).learned_from):
+        sources = tuple(source for source in manifest.sources if source.split in (None, "train"))  # others need not be installed
+        objects = manifest.model_copy(update={"sources": sources}).objects(None)
+        learned |= {identity(item.source) for item in objects if item.split == "train"}
     rows = ObjectRows(directory.root, ["source_file", "source_sha256"], "test")
     return tuple(name for name in rows.object_ids if learned & {str(rows.read(array, name)) for array in ("source_file", "source_sha256")})
 
 
-def shipped_folder() -> Path:
-    """Return the folder of the pretrained network; raise a `StageError` if this version has none."""
-    return trained_folder(shipped_models(), DEFAULT)
-
-
-def shipped_digest() -> str:
-    """Compute the SHA-256 of its record, which names every file of the weights by its digest; empty if there is none."""
-    record = SHIPPED / model_record(DEFAULT)
+def shipped_digest(network: str) -> str:
+    """Compute the SHA-256 of a pretrained network's record, which names every file of the weights by its digest; empty if there is none."""
+    record = SHIPPED / model_record(network)
     return hashlib.sha256(record.read_bytes()).hexdigest() if record.exists() else ""
 
 
-def fitting_rows(directory: DataDirectory) -> tuple[list[str], list[str]]:
+def fitting_rows(directory: DataDirectory, network: str) -> tuple[list[str], list[str]]:
     """Choose the rows whose inputs a dataset has; say why the others are skipped."""
-    model = load_reconstructor(DEFAULT, shipped_folder())
+    model = load_reconstructor(network, trained_folder(shipped_models(), network))
     reasons = _missing_inputs(directory, model)
     rows = []
-    for name in rows_of(DEFAULT):
+    for name in rows_of(network):
         inputs = ROWS[name].inputs
         takes = {*([inputs.image] if inputs.image else []), *(["touch"] if inputs.touch else [])}
         if takes and not takes & reasons.keys():

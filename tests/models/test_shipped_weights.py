@@ -15,9 +15,10 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models import shipped_weights
+from pipeline.models.families import ROWS
 from pipeline.models.shipped_weights import SENSORS, card_path, models_location, read_card, shipped_models, shipped_sensor_network
 from pipeline.models.touch_model import save_touch_model, shipped_touch_model
-from pipeline.reconstruct.predict import PredictOptions
+from pipeline.reconstruct.predict import PredictOptions, StoredGrasps
 from stages.train_touch import TouchTrainingSettings
 from tests.command_line import vt
 from tests.engine.tiny_stages import publish
@@ -31,7 +32,8 @@ TOY = ship_weights.load_manifest("toy")
 def data(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("balls")
     spheres.make_data(folder, 3, ("train", "test"))
-    spheres.make_implicit_model(folder, NETWORK, spacing=0.05)
+    for name in (NETWORK, "implicit-gels"):
+        spheres.make_implicit_model(folder, name, spacing=0.05)
     (unet := folder / "made").mkdir()
     with torch.random.fork_rng():
         torch.manual_seed(0)
@@ -49,7 +51,7 @@ def weights(data, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("shipped") / "weights"
     tested = TOY.sources[0].model_copy(update={"split": "test", "licence": "of objects to test on"})
     manifest = TOY.model_copy(update={"sources": (*TOY.sources, tested)})
-    for old in ("implicit/old.json", "unet.json", "sensors/gelsight.card.yaml"):
+    for old in (f"implicit/{NETWORK}-old/model.json", "implicit/other.json", "unet.json", "sensors/gelsight.card.yaml"):
         (folder / old).parent.mkdir(parents=True, exist_ok=True)
         (folder / old).write_text("old")
     with pytest.MonkeyPatch.context() as patch:
@@ -57,6 +59,7 @@ def weights(data, tmp_path_factory) -> Path:
         for module in MODULES:
             patch.setattr(f"{module}.SHIPPED", folder)
         ship_weights.ship(data)
+        ship_weights.ship(data, "implicit-gels")
     return folder
 
 
@@ -69,7 +72,11 @@ def shipped(weights, tmp_path, monkeypatch) -> Path:
 
 
 def test_shipped_network_has_a_card_with_sources_licences_and_errors_by_row_and_class(shipped):
-    card = read_card(NETWORK, shipped)
+    gels, card = read_card("implicit-gels", shipped), read_card(NETWORK, shipped)
+    assert "make gel-weights; " in gels.command
+    assert {"implicit-gels-touch", "implicit-gels-occluded-touch"} <= gels.errors.keys()
+    assert not gels.errors.keys() & {f"{NETWORK}-touch"}
+    assert "make weights; " in card.command
     assert card.learned_from == {"toy": 2}
     assert [source.licence for source in card.trained_on] == [source.licence for source in TOY.sources]
     assert {f"{NETWORK}-touch", f"{NETWORK}-occluded-touch", "training object, by touch"} <= card.errors.keys()
@@ -79,10 +86,13 @@ def test_shipped_network_has_a_card_with_sources_licences_and_errors_by_row_and_
     assert card.not_for
 
 
-def test_shipping_replaces_its_files_and_keeps_the_networks_of_sensors(shipped):
+def test_shipping_replaces_its_files_and_keeps_the_other_networks(shipped, data):
     assert (shipped / "sensors" / "gelsight.card.yaml").read_text() == "old"
-    assert not (shipped / "implicit" / "old.json").exists()
+    assert (shipped / "implicit" / "other.json").read_text() == "old"
+    assert not (shipped / "implicit" / f"{NETWORK}-old").exists()
     assert (shipped / "unet.json").read_text() != "old"
+    with pytest.raises(StageError, match="implicit-touch does not ship; choose implicit-any or implicit-gels"):
+        ship_weights.ship(data, "implicit-touch")
 
 
 def test_predict_without_models_uses_the_shipped_network(data, shipped, tmp_path):
@@ -91,12 +101,13 @@ def test_predict_without_models_uses_the_shipped_network(data, shipped, tmp_path
     vt("predict", tmp_path / "out.ply", "--data", bare, "--object", "b")
     assert trimesh.load(tmp_path / "out.ply").is_watertight
     assert PredictOptions().network() == (shipped, NETWORK)
-    assert PredictOptions(models_location("shipped")).network(data) == (shipped, NETWORK)
-    assert PredictOptions().network(data) == (data / "models", "occluded-touch")  # its own
-    assert PredictOptions(None, f"{NETWORK}-touch").network(bare) == (shipped, f"{NETWORK}-touch")
+    source = StoredGrasps(data, "b")
+    assert PredictOptions(models_location("shipped")).network(source) == (shipped, NETWORK)
+    assert PredictOptions().network(source) == (data / "models", "occluded-touch")  # its own
+    assert PredictOptions(None, f"{NETWORK}-touch").network(StoredGrasps(bare, "b")) == (shipped, f"{NETWORK}-touch")
     with pytest.raises(StageError, match="a pretrained network has one training; name models of training seed 1"):
         PredictOptions(training_seed=1).network()
-    assert PredictOptions(training_seed=1).network(data) == (data / "models", "occluded-touch")  # where it is said to be missing
+    assert PredictOptions(training_seed=1).network(source) == (data / "models", "occluded-touch")  # where it is said to be missing
 
 
 def test_missing_shipped_weights_give_an_error_that_names_the_option(tmp_path, monkeypatch):
@@ -104,7 +115,7 @@ def test_missing_shipped_weights_give_an_error_that_names_the_option(tmp_path, m
         monkeypatch.setattr(f"{module}.SHIPPED", tmp_path / "none")
     with pytest.raises(StageError, match="name a folder of models with --models"):
         PredictOptions().network()
-    assert PredictOptions().network(tmp_path) == (tmp_path / "models", "occluded-touch")
+    assert PredictOptions().network(StoredGrasps(tmp_path, "b")) == (tmp_path / "models", "occluded-touch")
 
 
 @pytest.mark.parametrize(("content", "words"), [("[", "cannot be read as a card"), ("network: 3\n", "network")])
@@ -120,12 +131,25 @@ def _sensor_card(path: Path) -> SensorCard:
 
 def test_shipped_weights_are_small_and_each_has_a_card():
     """Check the weights in the repository, if there are any."""
-    for name in shipped_weights.trained_models(shipped_weights.SHIPPED):
-        assert read_card(name).network
+    for name in {ROWS[name].network for name in shipped_weights.trained_models(shipped_weights.SHIPPED)}:
+        card = read_card(name)
+        assert card.network == name
+        assert {f"{name}-{way}" for way in ("touch", "occluded", "occluded-touch", "unoccluded", "unoccluded-touch")} <= card.errors.keys()
     for card in (shipped_weights.SHIPPED / SENSORS).glob("*.yaml"):
         assert _sensor_card(card).errors
-    files = [path for path in shipped_weights.SHIPPED.rglob("*") if path.is_file()]
-    assert sum(path.stat().st_size for path in files) < ship_weights.MAX_BYTES
+    ship_weights.check_size(shipped_weights.SHIPPED)
+
+
+def test_a_network_or_all_of_them_that_are_too_large_do_not_ship(tmp_path, monkeypatch):
+    for name in "ab":
+        (tmp_path / name).write_bytes(bytes(2000))
+    ship_weights.check_size(tmp_path)
+    monkeypatch.setattr(ship_weights, "MAX_ALL_BYTES", 3e3)
+    with pytest.raises(StageError, match=rf"{tmp_path} has \S+ MB, at most \S+ ship"):
+        ship_weights.check_size(tmp_path)
+    monkeypatch.setattr(ship_weights, "MAX_BYTES", 1e3)
+    with pytest.raises(StageError, match=rf"{tmp_path}/[ab] has \S+ MB"):
+        ship_weights.check_size(tmp_path)
 
 
 @pytest.mark.parametrize("name", sorted(ship_sensor_weights.FITTED_TO))

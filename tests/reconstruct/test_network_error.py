@@ -84,8 +84,10 @@ def test_card_gives_the_error_of_the_size_class_of_an_object():
     card = read_card("implicit-any")
     sized = Error(objects=7, mean=50, median=40, mm=4.25, diagonals=(0.1, 0.19))
     row = "implicit-any-touch"
-    with_sizes = card.model_copy(update={"errors": {row: card.errors[row] | {"0.1 to 0.2 m": sized}}})
-    assert with_sizes.error_of(row, 0.12) is sized
+    smaller = sized.model_copy(update={"diagonals": (0.06, 0.098)})
+    with_sizes = card.model_copy(update={"errors": {row: card.errors[row] | {"0.03 to 0.1 m": smaller, "0.1 to 0.2 m": sized}}})
+    assert with_sizes.error_of(row, 0.12) is sized  # the others are like it too, but less
+    assert with_sizes.error_of(row, 0.05) is smaller
     assert with_sizes.error_of(row, 0.5) is card.errors[row]["all"]
     assert with_sizes.error_of(row, 0.03) is None
     assert with_sizes.error_of(row, None) is card.errors[row]["all"]  # whatever sizes it was measured on

@@ -40,7 +40,7 @@ def test_observation_is_described_and_drawn(tmp_path: Path, unit: str) -> None:
 def test_observation_is_checked_against_a_model_and_drawn_as_its_input(tmp_path: Path) -> None:
     path = write_observation(tmp_path, write_files(tmp_path))
     lines = draw_observation(path, tmp_path / "a.png", target().model_copy(update={"camera": CAMERA, "resolution": (256, 256)}))
-    assert "with model occluded-touch:" in lines
+    assert "with model occluded-touch, trained with objects of 0.5 m:" in lines
     assert any("the views differ by 19.2°" in line for line in lines)
     assert any("give camera.hand_mask too" in line for line in lines)
     printed = vt("check", "supplement", "--picture", tmp_path / "b.png", "--models", "pretrained", fails=True)

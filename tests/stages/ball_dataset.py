@@ -286,16 +286,19 @@ def make_model(data: Path, name: str, *, still: bool = False, training_seed: int
     return _save(data, name, network, training_seed)
 
 
-def make_implicit_model(data: Path, name: str, **sizes: Any) -> Path:
-    """Save a small implicit network, as `train-implicit` does, with random weights; much is inside, but where touches say otherwise."""
+def make_implicit_model(data: Path, name: str, diagonals: tuple[float, float] | None = None, **sizes: Any) -> Path:
+    """Save a small implicit network, as `train-implicit` does, with random weights; much is inside, but where touches say otherwise.
+
+    It says that it has learned from objects of `diagonals`, m, by default 0.5.
+    """
     small = {"features": 16, "blocks": 1, "spacing": 0.03, "side": SIDE, "encoder_width": 0.125}
     network = ImplicitNetwork(IMPLICIT_CONFIGURATIONS[name].model_copy(update=small | sizes), torch.Generator().manual_seed(3))
     with torch.no_grad():
         network.last.bias -= 1.0
-    return _save(data, name, network)
+    return _save(data, name, network, diagonals=diagonals)
 
 
-def _save(data: Path, name: str, network: Any, training_seed: int = 0) -> Path:
+def _save(data: Path, name: str, network: Any, training_seed: int = 0, diagonals: tuple[float, float] | None = None) -> Path:
     """Save a network with its description, and publish it with facts of a training that was none."""
     config = network.config
     folder = data / ".work" / "made" / f"{name} {training_seed}"
@@ -303,7 +306,8 @@ def _save(data: Path, name: str, network: Any, training_seed: int = 0) -> Path:
     camera = projection_matrix(CAMERA).tolist() if config.image else None
     resolution = [CAMERA.resolution] * 2 if config.image else None
     charts = {"side": config.side} if config.takes_charts else None
-    save_model(folder, network, Trained(configuration=name, network=config, camera=camera, resolution=resolution, charts=charts))
+    views: Any = {"camera": camera, "resolution": resolution}
+    save_model(folder, network, Trained(configuration=name, network=config, charts=charts, diagonals=diagonals, **views))
     hardware = {"device": "test CPU", "processes": 1, "threads": 1, "precision": "32-true"}
     facts = {
         "parameters": 1000,

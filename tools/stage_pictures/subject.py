@@ -18,12 +18,11 @@ from pipeline.drawing.grasp_pictures import surroundings
 from pipeline.drawing.views import render_mesh
 from pipeline.errors import StageError
 from pipeline.kernels.vision.scene import Scene
-from pipeline.models.families import FAMILIES, ROWS, load_reconstructor
+from pipeline.models.families import FAMILIES, ROWS, load_reconstructor, trained_folder
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstructor
-from pipeline.models.shipped_weights import DEFAULT
+from pipeline.models.shipped_weights import DEFAULT, shipped_models
 from pipeline.store.storage import Location
-from stages.evaluate.scores import shipped_folder
 from stages.render_vision.renderer import Renderer
 
 
@@ -88,7 +87,7 @@ def _networks(source: ReportSource, object_id: str, grasp: int) -> dict[str, tup
             name = max(trained, key=len)
             network = load_reconstructor(name.rpartition("/")[2], source.directory.verified_folder(name))
         elif family == ROWS[DEFAULT].family and "charts" in source.collections:
-            network = load_reconstructor(f"{DEFAULT}-occluded-touch", shipped_folder())
+            network = load_reconstructor(f"{DEFAULT}-occluded-touch", trained_folder(shipped_models(), DEFAULT))
         else:
             continue
         rows = ObjectRows(source.directory.root, observed_arrays(network.config), None)

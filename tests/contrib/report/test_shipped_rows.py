@@ -19,7 +19,7 @@ from pipeline.contrib.report.report_source import ReportSource, errors_table
 from pipeline.contrib.report.results import DEFAULT_SERIES, _ways, summarise
 from pipeline.engine.plan import Request
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.models.shipped_weights import DEFAULT
+from pipeline.models.shipped_weights import DEFAULT, read_card
 from pipeline.store.directory import DataDirectory
 from pipeline.tables.comparison import scores
 from pipeline.tables.evaluation_tables import evaluation_tables
@@ -53,7 +53,8 @@ def data(tmp_path_factory) -> Path:
 
 def ship(patch: pytest.MonkeyPatch, folder: Path) -> None:
     patch.setattr("stages.evaluate.scores.SHIPPED", folder / "models")
-    patch.setattr("stages.evaluate.scores.shipped_models", lambda: folder / "models")
+    for module in ("stages.evaluate.scores", "pipeline.models.shipped_weights"):
+        patch.setattr(f"{module}.shipped_models", lambda: folder / "models")
 
 
 def test_shipped_weights_have_the_figures_of_the_evaluated_weights(data):
@@ -70,7 +71,7 @@ def test_shipped_weights_have_the_figures_of_the_evaluated_weights(data):
 def test_report_shows_rows_and_meshes_of_the_shipped_network_and_measures_it_once(data, monkeypatch):
     ship(monkeypatch, data)
     with monkeypatch.context() as another:
-        another.setattr("pipeline.tables.comparison.shipped_digest", lambda: "another")
+        another.setattr("pipeline.tables.comparison.shipped_digest", lambda _: "another")
         assert "the pretrained network is another now" in str(scores(DataDirectory(data))["scores/shipped"])
     assert scores(DataDirectory(data)) == {"scores/shipped": None}
     before = DataDirectory(data).verified_folder("scores/shipped")
@@ -114,7 +115,7 @@ def test_images_of_another_camera_are_turned_to_the_training_camera_as_those_of_
     asked: Any = Request(given, Settings(), "balls", OBJECTS, "draft", 1, copy)
     zoomed_in = {"d": np.diag([2.0, 2, 1])}
     pack(asked, lambda unit: (row := given.row(unit)) | {"projection": zoomed_in.get(unit.name, np.eye(3)) @ row["projection"]})
-    assert fitting_rows(DataDirectory(copy)) == ([f"{DEFAULT}-{way}" for way in WAYS], [])
+    assert fitting_rows(DataDirectory(copy), DEFAULT) == ([f"{DEFAULT}-{way}" for way in WAYS], [])
     printed = " ".join(vt("report", copy, "--shipped", "--no-pages").split())
     assert "images are turned and zoomed to the camera that it was trained with" in printed
     assert "shipped-unoccluded" in printed
@@ -129,16 +130,33 @@ def test_touches_of_another_gel_are_given_as_points_and_the_table_says_so(data, 
     assert "shipped-touch" in printed
 
 
-def test_rows_name_the_test_objects_that_the_network_haslearned_objects(data, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("diagonals", "chosen"), [((0.4, 0.49), "implicit-gels"), ((0.06, 0.2), DEFAULT)])
+def test_the_measured_network_is_that_for_the_size_of_the_test_objects(data, tmp_path, monkeypatch, diagonals, chosen):
+    """The median diagonal of the test objects, balls of 120 and 160 mm, is 0.485 m; the other network has learned from objects of 0.5 m."""
+    copy = Path(shutil.copytree(data, tmp_path / "data", ignore=shutil.ignore_patterns("evaluation*", "scores")))
+    spheres.make_implicit_model(copy, "implicit-gels", diagonals, spacing=0.05)
+    ship(monkeypatch, copy)
+    monkeypatch.setattr("stages.evaluate.scores.learned_objects", lambda *_: ())
+    printed = " ".join(vt("report", copy, "--shipped", "--no-pages").split())
+    assert f"shipped-…: the pretrained network {chosen}, given the first grasp of each object alone" in printed
+    assert ("touches are points of the exact depth maps" in printed) == (chosen == "implicit-gels")
+    scored = read_root(DataDirectory(copy).verified_folder("scores/shipped"))
+    assert list(scored["configurations"]) == [f"shipped-{way}" for way in WAYS]
+
+
+@pytest.mark.parametrize("manifest", ["weights", "hand-sized-test"])  # one with objects to test on that are not installed
+def test_rows_name_the_test_objects_that_the_network_has_learned_from(data, tmp_path, monkeypatch, manifest):
     ship(monkeypatch, data)
+    card = read_card(DEFAULT).model_copy(update={"learned_from": {manifest: 1}})
+    monkeypatch.setattr("stages.evaluate.scores.read_card", lambda _: card)
     copy = Path(shutil.copytree(data, tmp_path / "data"))
     (given,) = (stage for stage in spheres.stages() if stage.output is SURFACES)
-    learned = next(item for item in load_manifest("weights").objects(None) if item.split == "train")
+    learned = next(item for item in load_manifest(manifest.removesuffix("-test")).objects(None) if item.split == "train")
     sources = {name: f"procedural bottle {name}, seed 9" for name in "abcd"} | {"b": identity(learned.source)}
     asked: Any = Request(given, Settings(), "balls", OBJECTS, "draft", 1, copy)
     pack(asked, lambda unit: given.row(unit) | {"source_file": np.array(sources[unit.name]), "source_sha256": np.array("")})
-    assert learned_objects(DataDirectory(copy)) == ("b",)
-    assert "shipped-…: the pretrained network, given the first grasp of each object alone." in vt("report", data, "--no-pages")
+    assert learned_objects(DataDirectory(copy), DEFAULT) == ("b",)
+    assert "shipped-…: the pretrained network implicit-any, given the first grasp of each object alone." in vt("report", data, "--no-pages")
 
 
 def test_a_dataset_without_test_objects_has_a_report_without_shipped_rows(tmp_path, monkeypatch):
