@@ -291,6 +291,15 @@ def test_evaluation_repeats_to_the_bit_and_depends_on_the_seed(data):
     assert (other.per_case("chamfer") != figures(again, "none").per_case("chamfer")).all()
 
 
+def test_evaluation_of_first_grasps_has_the_figures_of_these(data, evaluation):
+    folder, printed = evaluate(data, "first-only", configurations=("touch", "occluded-touch"), first_only=True)
+    for name, number in itertools.product(("touch", "occluded-touch"), (1, 3)):
+        own, all_of_them = (figures(of, name).per_case("chamfer", number) for of in (folder, evaluation[0]))
+        assert own.shape == (COUNT, 1) < all_of_them.shape
+        np.testing.assert_allclose(own[:, 0], all_of_them[:, 0], rtol=1e-5)
+    assert "occluded-touch" in printed
+
+
 def test_killed_run_resumes_with_the_next_configuration(data, evaluation, monkeypatch):
     reconstructed: list[str] = []
     genuine = Reconstructor.reconstruct

@@ -146,10 +146,8 @@ class ImplicitNetwork(nn.Module):
             hidden = hidden + functional.linear(touch_features[0], torch.split(self.first.weight, self.inputs, dim=1)[-1])
         if code.sites is not None and self.attention is not None:
             hidden = hidden + self.attention(hidden, unit, code.sites)
-        elif self.attention is not None:
-            hidden = hidden + self.attention.told.bias  # as an item without touches is told beside others with them
-            if self.training:
-                hidden = hidden + nothing_of(self.attention)
+        elif self.attention is not None:  # as of an item that nothing touches, beside others in training
+            hidden = hidden + self.attention.told.bias + nothing_of(self.attention)
         return self._distances(self._deepen(hidden)), touch_features
 
     def _begin(self, code: Encoding, unit: Tensor) -> Tensor:
