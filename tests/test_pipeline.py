@@ -29,7 +29,6 @@ from pipeline.kernels.touch.depth_maps import local_points
 from stages.registry import GRASP_STAGES, load_stage
 from tests.command_line import vt
 from tests.contrib.exports.test_exports import elastic  # noqa: F401
-from tools.overview_picture import draw_overview
 
 ROOT = Path(__file__).parents[1]
 ASSIGNMENTS = [
@@ -296,9 +295,3 @@ def test_sweep_trains_every_point_once_and_ranks_them(manifest, made):
     again = vt(*command, "--grid", "gcn_features=6,12", "--grid", "learning_rate=1e-3")
     assert again.count("up to date") == 2
     assert vt(*command, "--dry-run").count("sweeps/train-gcn/none/") == 3**3  # the supplement's grid
-
-
-def test_overview_picture_shows_a_test_object(made, tmp_path):
-    (object_id,) = ObjectRows(made, ["points"], "test").object_ids
-    draw_overview(made, object_id, tmp_path / "overview.png")
-    assert (tmp_path / "overview.png").stat().st_size > 10_000

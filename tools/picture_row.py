@@ -33,5 +33,6 @@ def draw_row(
             panel(axes)
         else:
             axes.imshow(panel)
+            axes.set_anchor("N")  # titles of a row are level
             axes.set_axis_off()
     save_figure(figure, path, pil_kwargs=COMPRESSION[path.suffix])

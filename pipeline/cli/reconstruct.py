@@ -69,18 +69,21 @@ def predict(
 
 
 def demo(folder: Annotated[Path, Argument(help="Folder to write to.")] = Path("demo")) -> None:
-    """Reconstruct an object that no training saw, from one image and one grasp.
+    """Reconstruct an object in a robot's hand that no training saw, from one image and one grasp.
 
-    The grasp is simulated, and reconstructed by the pretrained network: a closed coloured mesh, and a turntable of it beside the object.
+    The grasp is simulated, with a gel on each finger, and the pretrained network makes a closed coloured mesh; a turntable shows it beside
+    the object.
     """
     from pipeline.reconstruct.demo import demo as show
 
     result = show(folder, console)
-    closed = result.prediction.closed
+    alone, felt = result.from_image, result.from_touch
     print_lines(
-        f"{result.image}: the one image, with the hand in it; {result.prediction.touched.sum()} fingers touched",
-        f"{result.mesh}: closed, {0 if closed is None else len(closed.faces)} faces, made in {result.seconds:.0f} s",
-        f"{result.turntable}: the object, and its reconstruction, {MM * result.distance:.1f} mm from it on average",
+        f"{result.image}: the one image, with the hand in it",
+        f"{result.felt}: what the gels see; {result.touches} fingers touched",
+        f"{alone.file}: from the image alone, {MM * alone.distance:.1f} mm from the object on average",
+        f"{felt.file}: from image and touch, {MM * felt.distance:.1f} mm; closed, {len(felt.mesh.faces)} faces, in {felt.seconds:.0f} s",
+        f"{result.turntable}: the object, and beside it the reconstruction from image and touch",
     )
 
 

@@ -100,7 +100,7 @@ class SecondSide:
     def touched(self) -> Picture:
         """Render the whole object without the hand, the surface that each sensor touched in its colour."""
         camera = towards(self.camera, self.vertices, camera_pose(self.near)[:3, 2])
-        camera = zoomed(camera, np.vstack([self.vertices, self.squares.reshape(-1, 3)]))
+        camera = zoomed(camera, np.vstack([self.vertices, self.squares[self.grasp["touch_success"]].reshape(-1, 3)]))
         sites = zip(self.depth, self.grasp["sensor_pose"], self.pictures.sensors, self.colors, strict=True)
         patches = [touch_patch(*site) for site, contact in zip(sites, self.grasp["touch_success"], strict=True) if contact]
         with ExitStack() as added:

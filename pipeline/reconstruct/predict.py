@@ -43,6 +43,7 @@ class StoredGrasps:
     object_id: str
     grasps: Sequence[int] | None = None  # by default grasp 0; the occluded image is the first one's
     view: int = 0
+    inputs: str = "occluded-touch"  # a key of `INPUT_CHOICES`; of a network that takes any
 
     def chosen(self, reader: ObservationReader) -> Sequence[int]:
         """Choose the grasps, or the one viewpoint, that a network is given."""
@@ -239,7 +240,7 @@ def _of_object(reader: ObservationReader, stored: StoredGrasps) -> _Given:
     if reader.is_of(stored.data):
         check_origins(DataDirectory(stored.data), [model_name(name, reader.training_seed)])
     if reader.model.config.image == "any":
-        reader = reader.restricted_to(INPUT_CHOICES["occluded-touch"])
+        reader = reader.restricted_to(INPUT_CHOICES[stored.inputs])
     model, inputs = reader.model, reader.of_object(stored.data, stored.object_id, numbers)
     photograph, remarks = None, list[str]()
     if inputs.image is not None and inputs.camera is not None:
