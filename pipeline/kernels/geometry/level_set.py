@@ -14,6 +14,7 @@ Field = Callable[[Array], Floats]
 
 MAX_CELLS = 2**27  # most cells of a grid, which holds a gigabyte of values
 MIN_VALUE_SHARE = 1e-3  # of the largest, that values around the surface have at least: no two vertices coincide
+STEEPER = 1.5  # times as steep as between points of a grid a field is taken to be between them
 CELL_CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])  # libigl's
 
 
@@ -33,8 +34,8 @@ def level_set_mesh(
     A negative region is cut off where the box ends, or up to 2^halvings cells beyond, and the mesh closed.
 
     The field is computed on a grid 2^halvings times as wide. Its cells are then halved, and the field is computed only at points where it
-    can be 0 given its neighbours, however thin the region there, and further along the surface. With 0 halvings it is computed at all
-    points. Within `dense_radius` of `dense_points` the field may change faster: there it is computed at each point of the grid.
+    can be 0 given its neighbours, however thin the region there, and further along the surface; at last, as steep as it is around them, as
+    the distances that a network predicts are often flat. With 0 halvings it is computed at all points. Within `dense_radius` of `dense_points` the field may change faster: there it is computed at each point of the grid.
     """
     low = np.asarray(low, np.float64)
     step = spacing * 2**halvings
@@ -54,8 +55,10 @@ def level_set_mesh(
         if number == halvings - 1:  # with most points; on coarser grids the wider band finds parts where the field is steeper
             at = np.argwhere(computed)
             apart, possible = step * np.sqrt((at % 2).sum(axis=1)), np.ones(len(at), bool)
+            steepness = _steepness(coarse, 2 * step)
             for corner in CELL_CORNERS:  # of the coarser cell, edge or face that a point is in the middle of
-                possible &= np.abs(coarse[tuple((at + corner).T // 2)]) <= apart
+                ends = tuple((at + corner).T // 2)
+                possible &= np.abs(coarse[ends]) <= steepness[ends] * apart
             computed[computed] = possible
         if dense_points is not None:
             _mark_cells_around(computed, np.asarray(dense_points) - low, step, dense_radius)
@@ -90,6 +93,16 @@ def _mark_cells_around(where: Mask, positions: Array, step: float, radius: float
     for position in np.unique(np.rint(positions / step).astype(np.int64), axis=0):
         first, last = np.maximum(position - reach, 0), np.maximum(position + reach + 1, 0)
         where[tuple(map(slice, first, last))] = True
+
+
+def _steepness(values: Array, step: float) -> Array:
+    """Bound how much the field changes per length around each point of a grid, from the changes to its neighbours; at most 1."""
+    squares = np.zeros(values.shape)
+    for axis in range(3):
+        changes = np.abs(np.diff(values, axis=axis, prepend=np.nan, append=np.nan)) / step
+        along = np.moveaxis(changes, axis, 0)
+        squares += np.moveaxis(np.fmax(along[:-1], along[1:]), 0, axis) ** 2
+    return np.minimum(STEEPER * np.sqrt(squares), 1)
 
 
 def _double_resolution(values: Array) -> Array:
