@@ -96,19 +96,27 @@ def without_drift(change: Tensor) -> Tensor:
     """Subtract the drift from changes (B, 3, H, W), image minus untouched image, levels.
 
     The drift is a polynomial of the position, fitted by iteratively reweighted least squares from a drift of 0: a pixel r levels away
-    weighs w = 1 / (1 + (r / SCALE)²)², and with `HIDDEN` (1 - w) it says that there is no drift.
+    weighs w = 1 / (1 + (r / SCALE)²)², and with `HIDDEN` (1 - w) it says that there is no drift. The share of it that is subtracted is how
+    many more pixels are then at rest, by their weights, over those that were: all if they are twice as many.
     """
     levels = interpolate(change, size=(SIDE, SIDE), mode="area").flatten(2).transpose(1, 2)  # (B, n, 3)
     terms = _terms(SIDE, SIDE, change.dtype, change.device)  # (n, k)
     drift = torch.zeros_like(levels)
     for _ in range(ROUNDS):
-        weight = (1 + (levels - drift).square().sum(dim=2) / SCALE**2) ** -2  # (B, n)
-        at_rest, everywhere = ((share[:, :, None] * terms).transpose(1, 2) for share in (weight, weight + HIDDEN * (1 - weight)))
+        weight = _at_rest(levels - drift)  # (B, n)
+        at_rest, everywhere = ((part[:, :, None] * terms).transpose(1, 2) for part in (weight, weight + HIDDEN * (1 - weight)))
         coefficients = torch.linalg.solve(everywhere @ terms, at_rest @ levels)  # (B, k, 3)
         drift = terms @ coefficients
+    before, after = (_at_rest(left).sum(dim=1) for left in (levels, levels - drift))  # (B,) pixels
+    share = ((after - before) / (before + 1)).clamp(0, 1)
     rows, cols = change.shape[2:]
     fitted: Tensor = _terms(rows, cols, change.dtype, change.device) @ coefficients
-    return change - fitted.transpose(1, 2).reshape(change.shape)
+    return change - share[:, None, None, None] * fitted.transpose(1, 2).reshape(change.shape)
+
+
+def _at_rest(levels: Tensor) -> Tensor:  # (B, n)
+    """Weigh pixels by how little their colours (B, n, 3) change."""
+    return (1 + levels.square().sum(dim=2) / SCALE**2) ** -2
 
 
 @lru_cache(maxsize=8)
