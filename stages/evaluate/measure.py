@@ -29,7 +29,7 @@ SPLIT = "test"
 
 
 class MeasuredObjects(ObjectRows):
-    """The objects of the test split that have every array which a method needs: the same for all."""
+    """The objects of a split that have every array which a method needs: the same for all."""
 
     def __init__(
         self,
@@ -37,8 +37,9 @@ class MeasuredObjects(ObjectRows):
         arrays: Iterable[str],
         count: int,  # points of S^obj per object: as many as are drawn from a reconstruction
         stage: str,
+        split: str = SPLIT,
     ) -> None:
-        super().__init__(data, list(arrays), SPLIT)
+        super().__init__(data, list(arrays), split)
         self.count = count
         if (available := self.size("points", "point")) < count:
             raise StageError(f"{stage}.points is {count}, the dataset has {available} points per object; lower it, or sample more surface")

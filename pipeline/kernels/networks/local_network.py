@@ -24,6 +24,7 @@ SIDE = 40  # pixels per side to which changes are averaged: drift is smooth
 DEGREE = 2  # of the drift's polynomial: the contacts of one sensor are too small to be taken for drift
 SCALE = 4.0  # levels of usual drift: pixels that differ from it by much more, as in contacts, hardly count
 ROUNDS = 12  # of weighted least squares
+HIDDEN = 0.1  # weight of no drift at a pixel that a contact hides: wide contacts leave too few others to extrapolate from
 
 
 class LocalShape(NamedTuple):
@@ -95,20 +96,27 @@ def without_drift(change: Tensor) -> Tensor:
     """Subtract the drift from changes (B, 3, H, W), image minus untouched image, levels.
 
     The drift is a polynomial of the position, fitted by iteratively reweighted least squares from a drift of 0: a pixel r levels away
-    weighs 1 / (1 + (r / SCALE)²)².
+    weighs w = 1 / (1 + (r / SCALE)²)², and with `HIDDEN` (1 - w) it says that there is no drift. The share of it that is subtracted is how
+    many more pixels are then at rest, by their weights, over those that were: all if they are twice as many.
     """
     levels = interpolate(change, size=(SIDE, SIDE), mode="area").flatten(2).transpose(1, 2)  # (B, n, 3)
     terms = _terms(SIDE, SIDE, change.dtype, change.device)  # (n, k)
     drift = torch.zeros_like(levels)
     for _ in range(ROUNDS):
-        weight = (1 + (levels - drift).square().sum(dim=2) / SCALE**2) ** -2  # (B, n)
-        weighted = weight[:, :, None] * terms
-        ridge = torch.eye(terms.shape[1], dtype=change.dtype, device=change.device)  # weighs as one pixel: if all are pressed, none counts
-        coefficients = torch.linalg.solve(weighted.transpose(1, 2) @ terms + ridge, weighted.transpose(1, 2) @ levels)  # (B, k, 3)
+        weight = _at_rest(levels - drift)  # (B, n)
+        at_rest, everywhere = ((part[:, :, None] * terms).transpose(1, 2) for part in (weight, weight + HIDDEN * (1 - weight)))
+        coefficients = torch.linalg.solve(everywhere @ terms, at_rest @ levels)  # (B, k, 3)
         drift = terms @ coefficients
+    before, after = (_at_rest(left).sum(dim=1) for left in (levels, levels - drift))  # (B,) pixels
+    share = ((after - before) / (before + 1)).clamp(0, 1)
     rows, cols = change.shape[2:]
     fitted: Tensor = _terms(rows, cols, change.dtype, change.device) @ coefficients
-    return change - fitted.transpose(1, 2).reshape(change.shape)
+    return change - share[:, None, None, None] * fitted.transpose(1, 2).reshape(change.shape)
+
+
+def _at_rest(levels: Tensor) -> Tensor:  # (B, n)
+    """Weigh pixels by how little their colours (B, n, 3) change."""
+    return (1 + levels.square().sum(dim=2) / SCALE**2) ** -2
 
 
 @lru_cache(maxsize=8)

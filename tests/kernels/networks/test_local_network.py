@@ -6,6 +6,7 @@ import torch
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.networks.local_network import (
+    HIDDEN,
     ROUNDS,
     SCALE,
     SIDE,
@@ -98,9 +99,20 @@ def test_drift_equals_weighted_least_squares() -> None:
     levels, fitted = change.reshape(3, -1).T, np.zeros((SIDE**2, 3))
     for _ in range(ROUNDS):
         root = 1 / (1 + np.square(levels - fitted).sum(axis=1, keepdims=True) / SCALE**2)
-        fitted = terms @ np.linalg.lstsq(root * terms, root * levels, rcond=None)[0]
+        none = np.sqrt(HIDDEN * (1 - root**2))
+        rows, values = np.concatenate([root * terms, none * terms]), np.concatenate([root * levels, 0 * levels])
+        fitted = terms @ np.linalg.lstsq(rows, values, rcond=None)[0]
     corrected = without_drift(torch.tensor(change[None]))[0].numpy()
     np.testing.assert_allclose(corrected, change - fitted.T.reshape(change.shape), atol=0.05)
+
+
+def test_a_wide_contact_is_not_taken_for_drift() -> None:
+    x, y = positions(SIDE, SIDE)
+    for width, most in ((1, 4), (0.4, 0.5)):  # levels of 40; little of the gel is at rest, and in the first all of that on one side
+        gel = 40 * np.exp(-((x - 0.8) ** 2 + y**2) / width)
+        change = np.stack([gel, -gel, 0.5 * gel])
+        taken = np.abs(change - without_drift(torch.tensor(change[None]))[0].numpy())
+        assert taken.max() < most
 
 
 def test_drift_has_gradients_after_a_call_in_inference_mode() -> None:
