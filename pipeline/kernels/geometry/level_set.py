@@ -34,8 +34,9 @@ def level_set_mesh(
     A negative region is cut off where the box ends, or up to 2^halvings cells beyond, and the mesh closed.
 
     The field is computed on a grid 2^halvings times as wide. Its cells are then halved, and the field is computed only at points where it
-    can be 0 given its neighbours, however thin the region there, and further along the surface; at last, as steep as it is around them, as
-    the distances that a network predicts are often flat. With 0 halvings it is computed at all points. Within `dense_radius` of `dense_points` the field may change faster: there it is computed at each point of the grid.
+    can be 0 given its neighbours, however thin the region there, and further along the surface. The last time its steepness around these
+    counts, since the distances that a network predicts are often flat. With 0 halvings it is computed at all points. Within `dense_radius`
+    of `dense_points` the field may change faster: there it is computed at each point of the grid.
     """
     low = np.asarray(low, np.float64)
     step = spacing * 2**halvings
