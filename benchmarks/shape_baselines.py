@@ -31,6 +31,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.tables.evaluation_tables import evaluation_tables
 from schemas.touch import TOUCH
 from schemas.vision import VISION
+from stages.evaluate.evaluation_files import evaluations, read_root
 from stages.evaluate.measure import Case, Method, Protocol, make_cases
 from stages.evaluate.protocols import GraspProtocol
 from stages.evaluate.scores import Score, measuring_settings
@@ -49,6 +50,7 @@ class ShapeSettings(GraspMeasuringSettings):
     """Choose what is measured."""
 
     rules: str = setting(..., "SHA-256 of this file", changes="definition")
+    first_only: bool = setting(False, "as of the evaluation of networks")
 
 
 class ShapeBaseline(Method):
@@ -58,7 +60,8 @@ class ShapeBaseline(Method):
     touch = False
     parts: SurfaceParts
 
-    def __init__(self) -> None:
+    def __init__(self, *, first_only: bool) -> None:
+        self.first_only = first_only
         self.inputs = {"image": self.image, "touch": self.touch}
 
     def prepare(self, protocol: Protocol, grasps: int) -> None:
@@ -69,7 +72,7 @@ class ShapeBaseline(Method):
         self.parts, self.seed = protocol.parts, protocol.job.seed
 
     def cases(self, available: int, numbers: Sequence[int]) -> list[Case]:
-        return make_cases(available, numbers, touch=self.touch, occluded=self.image is not None)
+        return make_cases(available, numbers, touch=self.touch, occluded=self.image is not None, first_only=self.first_only)
 
     def reconstruct(self, objects: ObjectRows, work: Sequence[tuple[str, Case]]) -> list[Reconstruction]:
         shapes = [self.shape(object_id, case, objects.diagonal(object_id)) for object_id, case in work]
@@ -210,12 +213,15 @@ def smooth_surface(
 
 
 def measure_shapes(data: Path) -> Path:  # the folder of the figures
-    """Measure all baselines on the test objects of a data directory."""
+    """Measure all baselines on the test objects of a data directory, in the cases of its networks if they were evaluated."""
     directory = DataDirectory(data)
     rules = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+    evaluated = [read_root(directory.verified_folder(name))["settings"] for name in evaluations(directory)[:1]]
+    cases = {name: value for chosen in evaluated for name, value in chosen.items() if name in ("grasps", "first_only")}
     numbers = GraspMeasuringSettings.model_fields["grasps"].default
-    settings = ShapeSettings(**(measuring_settings(directory) | {"grasps": numbers}), rules=rules)
-    score = Score("scores/shapes", [Extruded(), Mirrored(), Smooth(), SmoothWithDepth()], [TOUCH, VISION])
+    settings = ShapeSettings(**(measuring_settings(directory) | {"grasps": numbers} | cases), rules=rules)
+    methods = [kind(first_only=settings.first_only) for kind in (Extruded, Mirrored, Smooth, SmoothWithDepth)]
+    score = Score("scores/shapes", methods, [TOUCH, VISION])
     return directory.verified_folder(score.run(directory, settings, console))
 
 

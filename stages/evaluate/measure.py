@@ -125,8 +125,7 @@ class Network(Method):
         self.inputs = {"image": self.image, "touch": self.touch}
 
     def cases(self, available: int, numbers: Sequence[int]) -> list[Case]:
-        cases = make_cases(available, numbers, touch=self.touch, occluded=self.image == "occluded")
-        return [replace(case, firsts=(0,)) for case in cases if case.first == 0] if self.first_only else cases
+        return make_cases(available, numbers, touch=self.touch, occluded=self.image == "occluded", first_only=self.first_only)
 
     def observe(self, objects: ObjectRows, object_id: str, case: Case) -> Observation:
         """Read its input."""
@@ -143,6 +142,7 @@ def make_cases(
     *,
     touch: bool,  # the network takes touches
     occluded: bool,  # the network takes the occluded image
+    first_only: bool = False,  # only cases that begin with the first grasp
 ) -> list[Case]:
     """List the cases of a network.
 
@@ -150,14 +150,15 @@ def make_cases(
     All grasps together are the same input whichever comes first.
     """
     every = tuple(range(available))
+    firsts = every[:1] if first_only else every
     if not touch:
-        return [Case(first, (), 1, (first,)) for first in every] if occluded else [Case(0, (), 1, every)]
+        return [Case(first, (), 1, (first,)) for first in firsts] if occluded else [Case(0, (), 1, firsts)]
     cases = []
     for number in (number for number in numbers if number <= available):
         if number == available and not occluded:
-            cases.append(Case(0, every, number, every))
+            cases.append(Case(0, every, number, firsts))
             continue
-        for first in every:
+        for first in firsts:
             cases.append(Case(first, tuple((first + step) % available for step in range(number)), number, (first,)))
     return cases
 
