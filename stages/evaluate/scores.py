@@ -166,7 +166,7 @@ def score_shipped(data: Location, console: Console, network: str | None = None) 
     directory = DataDirectory(data)
     surfaces = directory.collection(SURFACES)
     has_tests = any(surfaces.row(name).split == "test" for name in surfaces)
-    network = network or shipped_network(_median_diagonal(directory) if has_tests else None)
+    network = network or shipped_network(median_diagonal(directory) if has_tests else None)
     if surfaces.shards and not has_tests:
         rows, reasons = list[str](), ["the dataset has no test objects (`splits` of its manifest)"]
     else:
@@ -192,7 +192,7 @@ def score_shipped(data: Location, console: Console, network: str | None = None) 
     return reasons
 
 
-def _median_diagonal(directory: DataDirectory) -> float:
+def median_diagonal(directory: DataDirectory) -> float:
     """Compute the median diagonal of the test objects that have not failed, m."""
     rows = ObjectRows(directory.root, ["points"], "test")
     return float(np.median([rows.diagonal(object_id) for object_id in rows.object_ids]))
