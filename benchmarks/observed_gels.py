@@ -39,14 +39,17 @@ SEEN, EXACT, READ = "no touches", "exact depth", "photographs of gels"
 PAIRS = ((READ, EXACT), (READ, SEEN), (EXACT, SEEN))
 METRICS = {**DISTANCES, "F-score at 5 mm": "f_5mm"}
 POINTS = 10_000  # drawn from each surface
-READINGS = ("found", "contact, IoU", "error of depth in the contact, mm", "rim is pressed")
+READINGS = ("contact is seen", "contact, IoU", "error of depth in the contact, mm", "rim is pressed")
 
 
 def write_observations(objects: MeasuredObjects, object_id: str, folder: Path) -> tuple[dict[str, Path], list[list[float]]]:
-    """Write the first grasp of an object as observation files, by what they give, and compare its touches with their photographs."""
-    entries, sensor = yaml.safe_load(write_grasp(objects.data, object_id, 0, folder).read_text()), objects.sensor()
+    """Write the first grasp of an object as observation files, by what they give; compare its touches with those read, in `READINGS`."""
+    entries = yaml.safe_load(write_grasp(objects.data, object_id, 0, folder).read_text())
+    sensor = objects.sensor()
     depths, images, untouched = (objects.read(name, object_id)[0] for name in ("depth", "tactile_image", "untouched"))
-    reader, given, readings = TouchReader(sensor.name, untouched), dict[str, list[object]]({SEEN: [], EXACT: [], READ: []}), []
+    reader = TouchReader(sensor.name, untouched)
+    given: dict[str, list[object]] = {SEEN: [], EXACT: [], READ: []}
+    readings = []
     for touch, depth, image in zip(entries["touches"], depths, images, strict=True):
         reading, gel, name = reader.read(image), press_gel(depth, sensor), touch["name"]
         write_reading(reading, folder, name)
@@ -60,14 +63,20 @@ def write_observations(objects: MeasuredObjects, object_id: str, folder: Path) -
             iou = (reading.contact & gel.contact).sum() / (reading.contact | gel.contact).sum()
             error = 1e3 * np.abs(reading.indentation - gel.indentation)[gel.contact].mean()
             readings.append([reading.contact.any(), iou, error, reading.rim_pressed])
-    kept, paths = {name: entries[name] for name in ("unit", "object", "camera")}, {kind: folder / f"{kind}.yaml" for kind in given}
+    kept = {name: entries[name] for name in ("unit", "object", "camera")}
+    paths = {kind: folder / f"{kind}.yaml" for kind in given}
     for kind, touches in given.items():
         paths[kind].write_text(yaml.safe_dump(kept | ({"sensor": entries["sensor"], "touches": touches} if touches else {})))
     return paths, readings
 
 
-def errors(path: Path, reader: ObservationReader, truth: Array, parts: dict[str, Mask]) -> list[float]:
-    """Reconstruct an object from an observation file, and measure `METRICS`; NaN of parts without points."""
+def errors(
+    path: Path,
+    reader: ObservationReader,
+    truth: Array,  # (N, 3) points of the object, m
+    parts: dict[str, Mask],  # (N,) whether these lie in a part of the surface
+) -> list[float]:
+    """Reconstruct an object from an observation file, and measure `METRICS`, mm and %; NaN of parts without points."""
     placed = place_observation(check(path, reader.target))
     restricted = reader.restricted_to(placed.checked.inputs)
     surface = restricted.model.reconstruct([restricted.of_robot(placed)])[0]
@@ -80,7 +89,6 @@ def errors(path: Path, reader: ObservationReader, truth: Array, parts: dict[str,
 
 def tables(found: dict[str, Array], readings: list[list[float]]) -> list[Table]:  # (objects, metrics) each
     """Tabulate errors, paired differences, and how touches are read."""
-
     whole = Table("Distances, mm, and F-scores, %, by what is given beside a photograph: one grasp", [*METRICS, "median of the whole"])
     for kind, values in found.items():
         intervals = (mean_interval(column[np.isfinite(column)], numpy_rng(0, "intervals")) for column in values.T)

@@ -1,4 +1,4 @@
-"""Measure the pretrained network on objects of other sizes, as a robot records them: `python -m benchmarks.observed_sizes DATA`.
+"""Measure `implicit-any` on objects of other sizes than 0.5 m, as a robot records them: `python -m benchmarks.observed_sizes DATA`.
 
 The first grasp of each object is written as a robot's observation, and reconstructed by `predict` from the photograph alone, with its
 depth as touch, and with touches. Errors are Chamfer distances × 9000 of objects scaled to the size that the network has learned.
@@ -19,6 +19,7 @@ from pipeline.kernels.geometry.mesh import sample_triangles
 from pipeline.kernels.geometry.mesh_cleaning import DIAGONAL, POSITION, bounding_diagonal
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, cloud_distances
+from pipeline.models.shipped_weights import DEFAULT
 from pipeline.reconstruct.observation_checks import check
 from pipeline.reconstruct.predict import PredictOptions, reconstruct
 
@@ -41,7 +42,8 @@ def observations(folder: Path) -> dict[str, Path]:
 def measure(data: Path) -> Table:
     """Reconstruct each object of a dataset from its first grasp; give the errors by what was given."""
     rows, errors = ObjectRows(data, ["points"], None), defaultdict[str, list[float]](list)
-    rng, target = np.random.default_rng(0), PredictOptions().reader().target
+    rng, options = np.random.default_rng(0), PredictOptions(configuration=DEFAULT)
+    target = options.reader().target
     with tempfile.TemporaryDirectory() as folder:
         for object_id in rows.object_ids:
             points = rows.read("points", object_id).astype(np.float64)
@@ -52,7 +54,7 @@ def measure(data: Path) -> Table:
             errors[PLACE].append(1e3 * scale * float(np.linalg.norm(box.centre - middle)))
             errors[SIZE].append(100 * abs((box.diagonal or 0) * scale / DIAGONAL - 1))
             for given, path in observations(Path(folder)).items():
-                mesh = reconstruct(path).closed
+                mesh = reconstruct(path, options).closed
                 assert mesh is not None
                 drawn, _ = sample_triangles(mesh.vertices[mesh.faces], POINTS, rng)
                 errors[given].append(TABLE_3_FACTOR * scale**2 * cloud_distances(drawn, truth).chamfer)
@@ -64,4 +66,4 @@ def measure(data: Path) -> Table:
 
 
 if __name__ == "__main__":
-    print(measure(Path(sys.argv[1])).markdown("The pretrained network, one grasp of each object."))
+    print(measure(Path(sys.argv[1])).markdown(f"{DEFAULT}, one grasp of each object."))

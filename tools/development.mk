@@ -12,7 +12,7 @@ learn  = $(MAKE) --no-print-directory train MANIFEST=$(1) DATA=data/$(1)/draft C
 FURTHER_TRAINING := train-implicit.epochs=70 train-implicit.learning_rate=0.001 train-implicit.placement_error=0.006
 # Resumed where it was killed, as all stages are: on 2 quiet cores an hour and a quarter for the data, then 100 epochs, a minute each on one core;
 # then as long again for objects of more kinds, which the same network goes on to learn from, and from the same objects once more.
-weights:  ## train the pretrained network and the U-Net, measure it, and write both with a card to pipeline/assets/weights (7 hours)
+weights:  ## train the pretrained network for objects of half a metre, and the U-Net; measure them, and write both with a card (7 hours)
 	@$(call learn,weights,0,train-implicit.epochs=100)
 	@$(call learn,thirteen-classes,1,$(FURTHER_TRAINING) train-implicit.pretrained=data/weights/draft/models)
 	@$(call learn,thirteen-classes,0,$(FURTHER_TRAINING) train-implicit.pretrained=data/thirteen-classes/draft/models/seed-1)

@@ -113,7 +113,8 @@ def reconstruct(
     models
         Folder of trained models, DATA/models, or `shipped`: by default, the pretrained networks.
     configuration
-        Which of them; by default `occluded-touch`, of the pretrained ones, which accept any subset of inputs, that for the object's size.
+        Which of them; by default `occluded-touch`. Of the pretrained networks, each of which accepts any subset of the inputs, the default
+        is the one for the object's size.
     resolution
         Edges of the closed mesh along the longest side of its box, 64 to 400.
     training_seed

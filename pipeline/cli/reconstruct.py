@@ -69,10 +69,10 @@ def predict(
 
 
 def demo(folder: Annotated[Path, Argument(help="Folder to write to.")] = Path("demo")) -> None:
-    """Reconstruct an object in a robot's hand that no training saw, from one image and one grasp.
+    """Reconstruct an object that no training saw, in a robot's hand, from one image, without and with touch.
 
-    The grasp is simulated, with a gel on each finger, and the pretrained network makes a closed coloured mesh; a turntable shows it beside
-    the object.
+    One grasp is simulated, with a gel on each finger. A pretrained network makes closed coloured meshes, and a turntable shows that from
+    image and touch beside the object.
     """
     from pipeline.reconstruct.demo import demo as show
 
@@ -132,8 +132,8 @@ def read_touch(
 ) -> None:
     """Read depth and contact in photographs of a gel.
 
-    A network trained on simulated presses of the sensor reads them. Pretrained networks exist for the sensors gelsight and gelsight_mini;
-    for others see `calibrate-sensor --train` and the stage `train-touch`.
+    A network trained on simulated presses of the sensor reads them. Pretrained networks exist for the sensors gelsight, gelsight_mini and
+    digit; for others see `calibrate-sensor --train` and the stage `train-touch`.
     """
     from pipeline.kernels.touch.shear_reading import sliding
     from pipeline.real_touch import TouchReader, camera_frames, photographs_of, write_reading  # torch: seconds to import

@@ -17,7 +17,7 @@ from pipeline.models.model_files import DESCRIPTION
 from pipeline.store.storage import Location, as_location
 
 SHIPPED = Path(pipeline.__file__).parent / "assets" / "weights"
-"""Laid out as DATA/models. `make weights` fills it; a version without weights has no such folder."""
+"""Laid out as DATA/models. `make weights` and `make gel-weights` fill it; a version without weights has no such folder."""
 SENSORS = "sensors"
 """Folder below `SHIPPED` of the networks that read photographs, by their sensor's name. `make sensor-weights` fills it."""
 DEFAULT = "implicit-any"  # the network that reconstructs objects of unknown size, if none is named
@@ -87,7 +87,7 @@ def shipped_models() -> Path:
 
 
 def shipped_network(diagonal: float | None = None) -> str:
-    """Choose the pretrained network that has learned from objects most like one of a diagonal, m; `DEFAULT` if that is not known."""
+    """Choose the pretrained network whose objects are nearest in size to one of a diagonal, m; `DEFAULT` if that is not known."""
     if diagonal is None:
         return DEFAULT
     models = shipped_models()
@@ -118,6 +118,6 @@ def read_card(configuration: str, models: Path | None = None) -> ModelCard:
     try:
         return ModelCard.model_validate(yaml.safe_load(read_file(path, MAX_BYTES)))
     except ValidationError as error:
-        raise StoreError(f"{path}: {invalid_entries(error)}; run `make weights` again") from error
+        raise StoreError(f"{path}: {invalid_entries(error)}; restore it, or install vt-pipeline again") from error
     except (InvalidInput, OSError, yaml.YAMLError) as error:
-        raise StoreError(f"{path} cannot be read as a card ({error}); run `make weights` again") from error
+        raise StoreError(f"{path} cannot be read as a card ({error}); restore it, or install vt-pipeline again") from error

@@ -1,4 +1,4 @@
-"""The demo: a held object that no training saw is seen and touched once, and reconstructed by the pretrained network."""
+"""The demo: a held object that no training saw is seen and touched once, and reconstructed by a pretrained network."""
 
 import time
 from dataclasses import replace
@@ -21,6 +21,7 @@ from pipeline.kernels.geometry.transforms import rotation_from_euler
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
 from pipeline.kernels.vision.camera import Camera
 from pipeline.kernels.vision.scene import Label
+from pipeline.models.families import trained_folder
 from pipeline.models.shipped_weights import shipped_models
 from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.store.directory import DataDirectory
@@ -60,18 +61,19 @@ class Demo(NamedTuple):
     touches: int  # fingers that touched
     from_image: Reconstructed  # from the image alone
     from_touch: Reconstructed  # from image and touch
-    turntable: Path  # an animation of the object beside the latter
+    turntable: Path  # an animation of the object beside the reconstruction from image and touch
 
 
 def demo(folder: Path, console: Console) -> Demo:
-    """Simulate a grasp that holds an object, reconstruct the object from one image, without and with touch, and draw it beside the latter.
+    """Simulate a grasp that holds an object, and reconstruct the object from one image, without and with touch.
 
-    The folder gets the meshes, the pictures and, below `data`, the simulated grasp.
+    The folder gets the meshes, the pictures, a turntable of the object beside the reconstruction with touch, and, below `data`, the
+    simulated grasp.
     """
-    shipped_models()  # an error now if there are none
     data = folder / "data"
     if other_objects := set(DataDirectory(data).collection(SURFACES)) - {OBJECT}:
         raise StageError(f"{data} holds another dataset, of {min(other_objects)} and so on; name another folder")
+    trained_folder(shipped_models(), NETWORK)  # an error now, not after the simulation, if it is missing
     for name in DATASET:
         request = make_request(name, MANIFEST, data=data, assignments=SETTINGS)
         make(replace(request, objects=[item for item in request.objects if item.object_id == OBJECT]), console)
@@ -113,7 +115,10 @@ def draw_turntable(truth: Mesh, reconstruction: Mesh, path: Path) -> None:
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=MILLISECONDS, loop=0, quality=80)
 
 
-def _orbit(camera: Camera, points: NDArray[np.float64]) -> list[Camera]:
+def _orbit(
+    camera: Camera,
+    points: NDArray[np.float64],  # (N, 3) m
+) -> list[Camera]:
     """Place cameras once around the middle of points, starting from a camera, each with a view of the cylinder that holds them."""
     low, high = points.min(axis=0), points.max(axis=0)
     middle, (depth, width, height) = (low + high) / 2, high - low

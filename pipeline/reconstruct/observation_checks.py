@@ -26,7 +26,7 @@ from pipeline.reconstruct.observed_touch import ObservedTouch
 FARTHEST, NEAREST, SMALLEST = 10.0, 0.01, 1e-3
 """m: largest coordinate of a pose, least distance of a camera from the object's centre, and smallest object."""
 POINTS_BEYOND = 1.5  # largest coordinates of touched points, by those of the gel: soft gels bulge, and sensor files are not exact
-OF_POINTS = "implicit networks, such as the pretrained one, take touches of any sensor as points; or train one with this sensor"
+OF_POINTS = "implicit networks, such as the pretrained ones, take touches of any sensor as points; or train one with this sensor"
 UNMEASURED = (
     "camera.depth is 0 or not finite wherever camera.mask shows the object, and camera.hand_mask no robot: register it to the photograph, "
     "and check that no mask is inverted"

@@ -19,7 +19,6 @@ from pipeline.engine.plan import Request
 from pipeline.engine.stage import Cost, DatasetJob
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_companions import Companions
-from pipeline.kernels.geometry.mesh_cleaning import bounding_diagonal
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.models.device import device_of
 from pipeline.models.families import ROWS, load_reconstructor, load_rows, model_record, rows_of, trained_folder
@@ -166,11 +165,9 @@ def score_shipped(data: Location, console: Console, network: str | None = None) 
     """Measure a pretrained network on the test objects, by default that for their size; name the inputs it was not given, and why."""
     directory = DataDirectory(data)
     surfaces = directory.collection(SURFACES)
-    tested = [name for name in surfaces if surfaces.row(name).split == "test"]
-    if network is None:
-        diagonals = [bounding_diagonal(surfaces.view(name)["meshes/vertices"]) for name in tested]
-        network = shipped_network(float(np.median(diagonals)) if diagonals else None)
-    if surfaces.shards and not tested:
+    has_tests = any(surfaces.row(name).split == "test" for name in surfaces)
+    network = network or shipped_network(median_diagonal(directory) if has_tests else None)
+    if surfaces.shards and not has_tests:
         rows, reasons = list[str](), ["the dataset has no test objects (`splits` of its manifest)"]
     else:
         rows, reasons = fitting_rows(directory, network)
@@ -195,21 +192,27 @@ def score_shipped(data: Location, console: Console, network: str | None = None) 
     return reasons
 
 
+def median_diagonal(directory: DataDirectory) -> float:
+    """Compute the median diagonal of the test objects that have not failed, m."""
+    rows = ObjectRows(directory.root, ["points"], "test")
+    return float(np.median([rows.diagonal(object_id) for object_id in rows.object_ids]))
+
+
 def is_given_gels(directory: DataDirectory, model: Reconstructor) -> bool:
-    """Check whether the pretrained network is given depth maps: it learned from gels, or from charts of another gel than the dataset's."""
+    """Check whether a pretrained network is given depth maps: it learned from gels, or from charts of another gel than the dataset's."""
     ours, touch = shipped_chart_sensor(), directory.collection(TOUCH)
     sensors = sensors_of(touch.first) if touch.shards else ()
     return not model.config.takes_charts or (ours is not None and not all(same_gel(ours, sensor) for sensor in sensors))
 
 
 def shipped_chart_sensor() -> Sensor | None:
-    """Read the sensor whose touch charts the pretrained network has learned from; None if that is not known."""
+    """Read the sensor whose touch charts the pretrained `implicit-any` has learned from; None if that is not known."""
     models = shipped_models()
     return load_touch_model(DataDirectory(models).verified_folder("unet"), "cpu").sensor if (models / "unet.json").exists() else None
 
 
 def not_learned(directory: DataDirectory, models: Mapping[str, Reconstructor], *, of_gels: bool) -> Iterator[str]:
-    """Say what of a dataset's test objects the pretrained network has not learned, as `predict` does of one object."""
+    """Say what of a dataset's test objects a pretrained network has not learned, as `predict` does of one object."""
     model = next(iter(models.values()))
     images = any(row.config.image for row in models.values())
     rows = ObjectRows(directory.root, ["points", *(["projection"] if images else [])], "test")

@@ -56,6 +56,14 @@ def test_demo_refuses_a_folder_of_another_dataset(tmp_path):
     assert "holds another dataset" in vt("demo", tmp_path, fails=True)
 
 
+def test_demo_says_before_it_simulates_that_its_network_is_missing(tmp_path, monkeypatch):
+    spheres.make_implicit_model(tmp_path, "implicit-any")
+    monkeypatch.setattr(demo, "shipped_models", lambda: tmp_path / "models")
+    printed = " ".join(vt("demo", tmp_path / "demo", fails=True).split())
+    assert f"has no model {demo.NETWORK}: its models are implicit-any" in printed
+    assert not (tmp_path / "demo").exists()
+
+
 def test_a_turn_shows_all_of_what_turns(tmp_path):
     """A tall thin thing, which a camera fitted to a cube of its size cuts off, is as large in each picture and whole."""
     from pipeline.kernels.geometry.mesh import Look, Mesh

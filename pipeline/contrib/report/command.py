@@ -17,7 +17,7 @@ def report(
     data: Annotated[str, typer.Argument(help="Data directory, or s3://BUCKET/PREFIX.")],
     most: Annotated[int, typer.Option(min=1, help="Objects in a figure of reconstructions at most: best, middling, worst.")] = 10,
     pages: Annotated[bool, typer.Option(help="Write the pages; else print the tables alone.")] = True,
-    shipped: Annotated[bool, typer.Option("--shipped", help="Measure the pretrained network too.")] = False,
+    shipped: Annotated[bool, typer.Option("--shipped", help="Measure the pretrained network for the objects' size too.")] = False,
 ) -> None:
     """Print the evaluation's tables, and write pages to DATA/report.
 

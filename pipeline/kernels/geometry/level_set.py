@@ -14,7 +14,7 @@ Field = Callable[[Array], Floats]
 
 MAX_CELLS = 2**27  # most cells of a grid, which holds a gigabyte of values
 MIN_VALUE_SHARE = 1e-3  # of the largest, that values around the surface have at least: no two vertices coincide
-STEEPER = 1.5  # times as steep as between points of a grid a field is taken to be between them
+STEEPER = 1.5  # how many times as steep a field may be within a cell as between the cell's corners
 CELL_CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])  # libigl's
 
 
@@ -34,9 +34,9 @@ def level_set_mesh(
     A negative region is cut off where the box ends, or up to 2^halvings cells beyond, and the mesh closed.
 
     The field is computed on a grid 2^halvings times as wide. Its cells are then halved, and the field is computed only at points where it
-    can be 0 given its neighbours, however thin the region there, and further along the surface. The last time its steepness around these
-    counts, since the distances that a network predicts are often flat. With 0 halvings it is computed at all points. Within `dense_radius`
-    of `dense_points` the field may change faster: there it is computed at each point of the grid.
+    can be 0 given its neighbours, however thin the region there, and further along the surface. At the last halving it may change no
+    faster than `STEEPER` times as between these neighbours: the distances that a network predicts are often flat. With 0 halvings it is
+    computed at all points. Within `dense_radius` of `dense_points` it may change faster: there it is computed at each point of the grid.
     """
     low = np.asarray(low, np.float64)
     step = spacing * 2**halvings
@@ -97,7 +97,7 @@ def _mark_cells_around(where: Mask, positions: Array, step: float, radius: float
 
 
 def _steepness(values: Array, step: float) -> Array:
-    """Bound how much the field changes per length around each point of a grid, from the changes to its neighbours; at most 1."""
+    """Bound how much the field changes per length around each point of a grid (X, Y, Z), by the changes to its neighbours; at most 1."""
     squares = np.zeros(values.shape)
     for axis in range(3):
         changes = np.abs(np.diff(values, axis=axis, prepend=np.nan, append=np.nan)) / step

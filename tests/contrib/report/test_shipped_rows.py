@@ -19,6 +19,7 @@ from pipeline.contrib.report.report_source import ReportSource, errors_table
 from pipeline.contrib.report.results import DEFAULT_SERIES, _ways, summarise
 from pipeline.engine.plan import Request
 from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.geometry.mesh_cleaning import bounding_diagonal
 from pipeline.models.shipped_weights import DEFAULT, read_card
 from pipeline.store.directory import DataDirectory
 from pipeline.tables.comparison import scores
@@ -26,7 +27,7 @@ from pipeline.tables.evaluation_tables import evaluation_tables
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import read_figures, read_root
-from stages.evaluate.scores import fitting_rows, learned_objects, measuring_settings
+from stages.evaluate.scores import fitting_rows, learned_objects, measuring_settings, median_diagonal
 from tests.command_line import vt
 from tests.engine.tiny_stages import pack
 from tests.stages import ball_dataset as spheres
@@ -142,6 +143,16 @@ def test_the_measured_network_is_that_for_the_size_of_the_test_objects(data, tmp
     assert ("touches are points of the exact depth maps" in printed) == (chosen == "implicit-gels")
     scored = read_root(DataDirectory(copy).verified_folder("scores/shipped"))
     assert list(scored["configurations"]) == [f"shipped-{way}" for way in WAYS]
+
+
+def test_failed_test_objects_do_not_count_for_the_size(tmp_path):
+    spheres.make_data(tmp_path, 3)
+    (given,) = (stage for stage in spheres.stages() if stage.output is SURFACES)
+    asked: Any = Request(given, Settings(), "balls", spheres.objects(3), "draft", 1, tmp_path)
+    pack(asked, given.row, failed="ab")
+    directory = DataDirectory(tmp_path)
+    largest = bounding_diagonal(directory.collection(SURFACES).view("c")["meshes/vertices"])
+    assert median_diagonal(directory) == largest
 
 
 @pytest.mark.parametrize("manifest", ["weights", "hand-sized-test"])  # one with objects to test on that are not installed

@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry import level_set
 from pipeline.kernels.geometry.level_set import level_set_mesh
 
 RADIUS, BALL = 0.1, 4 / 3 * np.pi * 0.1**3
@@ -38,6 +39,23 @@ def test_field_is_computed_near_the_surface_only():
     everywhere, near = (mesh_of(counted, [0.8, -0.2, -0.2], [1.2, 0.2, 0.2], 0.005, halvings=halvings).vertices for halvings in (0, 3))
     np.testing.assert_allclose(near, everywhere, atol=1e-12)
     assert sum(asked[1:]) < asked[0] / 6
+
+
+def test_a_flat_field_is_computed_at_fewer_points_and_has_the_same_surface(monkeypatch):
+    asked = []
+
+    def flat(points):  # as a network's distances, a fifth as steep as true ones
+        asked.append(len(points))
+        return ball(points) / 5
+
+    box, counts, meshes = ([0.8, -0.2, -0.2], [1.2, 0.2, 0.2], 0.005), [], []
+    for steeper in (level_set.STEEPER, 1e9):  # the latter takes any field to be as steep as a distance
+        monkeypatch.setattr(level_set, "STEEPER", steeper)
+        asked.clear()
+        meshes.append(mesh_of(flat, *box, halvings=3).vertices)
+        counts.append(sum(asked))
+    np.testing.assert_allclose(*meshes, atol=1e-12)
+    assert counts[0] < counts[1] * 2 / 3
 
 
 def test_parts_thinner_than_a_cell_are_as_if_the_field_were_computed_everywhere():
