@@ -33,8 +33,8 @@ photographs be shipped, so pictures here show depth alone.
 
 Depth is how far the gel's surface lies below its rest. It is compared in the footprint of each press: of a ball, 0.85 of the circle in
 which it would meet a flat gel; of a flat face, its outline. Truth is nominal: a rigid ball, or one depth. The contact's intersection over
-union is taken with that footprint. Normals on flats are compared 0.3 mm from the outline on. For balls of
-unknown depth the shape alone is compared.
+union is taken with that footprint, and for balls of unknown depth with their circle as `calibrate-sensor` finds it. Normals on flats are
+compared 0.3 mm from the outline on. For balls of unknown depth the shape alone is compared.
 
 """
 PAGE_END = """
@@ -47,9 +47,10 @@ PAGE_END = """
 - The table of the gel around the balls shows how far it is drawn in by the colours of contacts alone, where slopes are known (look-up
   table), and as ours reads it.
 - Settings were chosen by balls alone: by photographs that a calibration leaves out, by the table of the gel around the balls, and by
-  normals in their contacts. The presses of known depth have been scored three times: with a thick gel (0.132 mm, too deep), with a thin
-  one (0.069 mm), and on this page. Between the last two the balls had shown three faults: the flat middle of a contact is lit otherwise
-  than the untouched gel, light drifts between photographs, and gentle slopes were read too steep.
+  normals in their contacts. The presses of known depth were scored with a thick gel (0.132 mm, too deep), with a thin one (0.069 mm), at
+  commit 5fe899d (0.066 mm), and after each later change of how photographs are read, to see that they had become no worse. Before
+  5fe899d the balls had shown three faults: the flat middle of a contact is lit otherwise than the untouched gel, light drifts between
+  photographs, and gentle slopes were read too steep.
 - The same figures for your photographs: describe them as in `benchmarks/real_touch/sets/`, and add `--set FILE`; or write depths in mm as
   `FOLDER/SET/PRESS.npy` (and contacts as `PRESS-contact.npy`) and add `--predictions FOLDER`.
 """
