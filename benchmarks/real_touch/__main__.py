@@ -52,8 +52,9 @@ PAGE_END = """
   5fe899d the balls had shown three faults: the flat middle of a contact is lit otherwise than the untouched gel, light drifts between
   photographs, and gentle slopes were read too steep.
 - Depth is free where the rim is pressed, and light that falls off in a corner may be read as a press there. By the shipped networks,
-  contact farther than 1.25 radii from the ball's middle covers more than a tenth of its circle in 17 of the 48 photographs of docs/sensors.md by
-  a GelSight, and in 6 of the 67 by a Mini; with the rim pinned in none. `read-touch` says which photographs show a press at the rim.
+  contact farther than 1.25 radii from the ball's middle covers more than a tenth of its circle in 17 of the 48 photographs of
+  docs/sensors.md by a GelSight, and in 6 of the 67 by a Mini; with the rim pinned in none. `read-touch` says which photographs show a
+  press at the rim.
 - The same figures for your photographs: describe them as in `benchmarks/real_touch/sets/`, and add `--set FILE`; or write depths in mm as
   `FOLDER/SET/PRESS.npy` (and contacts as `PRESS-contact.npy`) and add `--predictions FOLDER`.
 """
