@@ -51,6 +51,7 @@ PAGE_END = """
   commit 5fe899d (0.066 mm), and after each later change of how photographs are read, to see that they had become no worse. Before
   5fe899d the balls had shown three faults: the flat middle of a contact is lit otherwise than the untouched gel, light drifts between
   photographs, and gentle slopes were read too steep.
+- Times are the least processor time of all photographs; other work on the machine makes them longer.
 - Depth is free where the rim is pressed, and light that falls off in a corner may be read as a press there. By the shipped networks,
   contact farther than 1.25 radii from the ball's middle covers more than a tenth of its circle in 17 of the 48 photographs of
   docs/sensors.md by a GelSight, and in 6 of the 67 by a Mini; with the rim pinned in none. `read-touch` says which photographs show a
