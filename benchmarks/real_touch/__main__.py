@@ -51,8 +51,8 @@ PAGE_END = """
   commit 5fe899d (0.066 mm), and after each later change of how photographs are read, to see that they had become no worse. Before
   5fe899d the balls had shown three faults: the flat middle of a contact is lit otherwise than the untouched gel, light drifts between
   photographs, and gentle slopes were read too steep.
-- With today's circles of the Mini's balls, which are 7 to 10 % smaller than at commit 5fe899d, all methods read shapes and normals better than
-  then, and radii 6 to 19 % too small; ours were 1 to 7 % too large.
+- With today's circles of the Mini's balls, which are 7 to 10 % smaller than at commit 5fe899d, all methods read shapes and normals better
+  than then, and radii 6 to 19 % too small; ours were 1 to 7 % too large.
 - Times are the least processor time of all photographs; other work on the machine makes them longer.
 - Depth is free where the rim is pressed, and light that falls off in a corner may be read as a press there. By the shipped networks,
   contact farther than 1.25 radii from the ball's middle covers more than a tenth of its circle in 17 of the 48 photographs of
