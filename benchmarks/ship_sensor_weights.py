@@ -1,6 +1,7 @@
 """Train the networks that read photographs of the shipped calibrated sensors, from their files alone, and write them with cards.
 
 `python -m benchmarks.ship_sensor_weights [--real FOLDER]`; with the photographs of docs/sensors.md, cards have the errors on those too.
+With `--errors` nothing is trained: cards get the errors of the shipped networks as photographs are read today.
 """
 
 import argparse
@@ -23,7 +24,7 @@ from pipeline.kernels.touch.press_shapes import press_relief
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres, resample_longer_side
 from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.models.shipped_weights import CARD, SENSORS, SHIPPED, TrainedOn
-from pipeline.models.touch_model import LocalTouchModel
+from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 from pipeline.real_touch import PRESSES, save_sensor_network, train_sensor_network
 from pipeline.rng import numpy_rng
 from stages.train_touch import TouchTrainingSettings
@@ -122,6 +123,33 @@ def errors_of(model: LocalTouchModel, presses: list[Press], untouched: np.ndarra
     )
 
 
+def all_errors(model: LocalTouchModel, name: str, real: Path | None) -> dict[str, SensorError]:
+    """Measure a network on simulated balls and, with `real`, on the photographs that its sensor was not fitted to."""
+    sensor = square_pixels(load_sensor(name))
+    scale = MM * sensor.pitch[1]
+    errors = {SIMULATED: errors_of(model, simulated_balls(sensor, BALLS), untouched_image(sensor), scale)}
+    if real is not None and FITTED_TO[name] is not None:
+        description, balls, untouched = photographed_balls(name, real, scale)
+        errors[description] = errors_of(model, balls, untouched, scale)
+    return errors
+
+
+def measure_again(name: str, real: Path | None = None, weights: Path = SHIPPED) -> SensorCard:
+    """Write the errors of a shipped network, as it reads today, into its card; without `real`, those on photographs stay."""
+    card = SensorCard.model_validate(yaml.safe_load(sensor_card_path(name, weights).read_text()))
+    model = load_touch_model(weights / SENSORS / name, "cpu")
+    assert isinstance(model, LocalTouchModel)
+    card = card.model_copy(update={"errors": card.errors | all_errors(model, name, real)})
+    write_card(card, weights)
+    return card
+
+
+def write_card(card: SensorCard, weights: Path) -> None:
+    """Write the card of a sensor's network."""
+    text = yaml.safe_dump(card.model_dump(mode="json", exclude_none=True), sort_keys=False, width=140, allow_unicode=True)
+    sensor_card_path(card.sensor, weights).write_text(text)
+
+
 def ship(
     name: str,
     weights: Path = SHIPPED,
@@ -131,13 +159,8 @@ def ship(
     settings: TouchTrainingSettings | None = None,
 ) -> SensorCard:
     """Train the network of a shipped sensor, and write it with its card; `presses` and `settings` as `train_sensor_network` takes them."""
-    sources, sensor, fitted_to = commit(), square_pixels(load_sensor(name)), FITTED_TO[name]
-    scale = MM * sensor.pitch[1]
-    model, _ = train_sensor_network(sensor, presses=presses, settings=settings)
-    errors = {SIMULATED: errors_of(model, simulated_balls(sensor, BALLS), untouched_image(sensor), scale)}
-    if real is not None and fitted_to is not None:
-        description, balls, untouched = photographed_balls(name, real, scale)
-        errors[description] = errors_of(model, balls, untouched, scale)
+    sources, fitted_to = commit(), FITTED_TO[name]
+    model, _ = train_sensor_network(square_pixels(load_sensor(name)), presses=presses, settings=settings)
     card = SensorCard(
         sensor=name,
         presses=presses,
@@ -149,25 +172,24 @@ def ship(
         ),
         commit=sources,
         command="make sensor-weights" + " REAL=FOLDER" * (real is not None),
-        errors=errors,
+        errors=all_errors(model, name, real),
         not_for=NOT_FOR,
     )
     save_sensor_network(model, weights / SENSORS / name)
-    sensor_card_path(name, weights).write_text(
-        yaml.safe_dump(card.model_dump(mode="json", exclude_none=True), sort_keys=False, width=140, allow_unicode=True)
-    )
+    write_card(card, weights)
     check_size(weights)
     return card
 
 
 def main() -> None:
-    """Train and write all."""
+    """Train, measure and write all."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--real", type=Path, help="folder with a clone of rpl-cmu/gelslam; the package taxim must be installed too")
+    parser.add_argument("--errors", action="store_true", help="train nothing: measure the shipped networks again")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     for name in FITTED_TO:
-        card = ship(name, real=arguments.real)
+        card = (measure_again if arguments.errors else ship)(name, real=arguments.real)
         print("\n".join(f"{name}, {label}: {error}" for label, error in card.errors.items()), flush=True)
 
 

@@ -60,7 +60,7 @@ class SetDescription(Entries):
 class Press:
     """A photograph with its truth: (rows, cols, 3) uint8; depth in mm, true where `footprint` holds; and whether it is flat there.
 
-    `absolute` is false where only the shape is known and not how deep it is.
+    `absolute` is false where only the shape is known and not how deep it is. `contact` is None where nothing tells it but the footprint.
     """
 
     name: str
@@ -69,6 +69,7 @@ class Press:
     footprint: NDArray[np.bool_]
     flat: bool
     absolute: bool
+    contact: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +154,8 @@ def ball_press(photograph: Photograph, radius: float, scale: float) -> Press:
     contact = photograph.contact
     distance = distances(photograph.image.shape[:2], contact.x, contact.y)
     height = np.sqrt(np.maximum(radius**2 - (scale * distance) ** 2, 0)) - np.sqrt(max(radius**2 - (scale * contact.radius) ** 2, 0))
-    return Press(photograph.name, photograph.image, height, distance < ANNOTATED * contact.radius, flat=False, absolute=False)
+    footprint, circle = distance < ANNOTATED * contact.radius, distance < contact.radius
+    return Press(photograph.name, photograph.image, height, footprint, flat=False, absolute=False, contact=circle)
 
 
 def distances(shape: tuple[int, int], x: float, y: float) -> NDArray[np.float64]:

@@ -29,7 +29,7 @@ class Scores:
     shape: float  # the RMSE after the mean error is taken away, mm
     sphere: float  # mean angle between normals, degrees, on balls
     flat: float  # on flat faces
-    overlap: float  # intersection over union of contact and footprint; NaN where a method does not say
+    overlap: float  # intersection over union with the press's contact, else its footprint; NaN where a method does not say
 
 
 def score(reading: Reading, press: Press, scale: float) -> Scores:
@@ -43,7 +43,8 @@ def score(reading: Reading, press: Press, scale: float) -> Scores:
     angle = float(np.degrees(angles(reading.depth, press.depth, scale)[compared]).mean())
     overlap = np.nan
     if reading.contact is not None:
-        overlap = float((reading.contact & press.footprint).sum() / (reading.contact | press.footprint).sum())
+        touched = press.footprint if press.contact is None else press.contact
+        overlap = float((reading.contact & touched).sum() / (reading.contact | touched).sum())
     by_kind = (np.nan, angle) if press.flat else (angle, np.nan)
     return Scores(rmse, bias, float(error.std()), *by_kind, overlap)
 

@@ -11,7 +11,7 @@ from PIL import Image
 
 from benchmarks.real_touch import __main__ as command
 from benchmarks.real_touch.baselines import depth_of, look_up_table
-from benchmarks.real_touch.photograph_sets import SETS, PhotographSet, Press, SetDescription, read_sets
+from benchmarks.real_touch.photograph_sets import SETS, PhotographSet, Press, SetDescription, ball_press, distances, read_sets
 from benchmarks.real_touch.scores import Reading, ball_radius, mean_scores, score
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.sensor import resample
@@ -98,6 +98,14 @@ def test_scores_of_known_errors(photographs: tuple[Path, PhotographSet]) -> None
     assert means.rmse == pytest.approx(0.05)
     assert means.overlap == 1
     assert np.isnan(means.flat)
+
+
+def test_contact_on_a_ball_of_unknown_depth_is_compared_with_its_whole_circle(photographs: tuple[Path, PhotographSet]) -> None:
+    ball = photographs[1].balls[0]
+    press = ball_press(ball, 4.0, SCALE)
+    circle = distances(press.depth.shape, ball.contact.x, ball.contact.y) < ball.contact.radius
+    assert score(Reading(press.depth, circle), press, SCALE).overlap == 1
+    assert score(Reading(press.depth, press.footprint), press, SCALE).overlap == pytest.approx(0.85**2, abs=0.03)
 
 
 def test_look_up_table_reads_its_training_photographs(photographs: tuple[Path, PhotographSet]) -> None:

@@ -173,3 +173,4 @@ def test_network_of_a_sensor_is_shipped_with_a_card(tmp_path):
     assert card.presses == 4
     assert "no photograph" in card.trained_on[0].source
     assert shipped_sensor_network("gelsight_mini", tmp_path) is not None
+    assert ship_sensor_weights.measure_again("gelsight_mini", weights=tmp_path) == card
