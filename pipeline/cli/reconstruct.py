@@ -32,7 +32,7 @@ def predict(
     data: Annotated[str | None, Option(help="Data directory; with --object, instead of files.")] = None,
     models: Annotated[str | None, Option(help="Folder of models, or shipped; by default DATA/models, else the pretrained ones.")] = None,
     object_id: Annotated[str | None, Option("--object", help="Object of the data directory.", autocompletion=complete_made_object)] = None,
-    grasps: Annotated[list[int] | None, Option("--grasp", min=0, help="A grasp of the object, from 0; repeat for several.")] = None,
+    grasps: Annotated[list[int] | None, Option("--grasp", min=0, help="A grasp of the object; by default 0. Repeat for several.")] = None,
     view: Annotated[int, Option(min=0, help="A rendering of the object, from 0; for single-image.")] = 0,
     observation: Annotated[
         Path | None, Option(help="YAML file of what a robot saw and felt (docs/guide/own-photographs.md); instead of --data.")
@@ -69,7 +69,7 @@ def predict(
 
 
 def demo(folder: Annotated[Path, Argument(help="Folder to write to.")] = Path("demo")) -> None:
-    """Reconstruct an object that no training saw, in a robot's hand, from one image, without and with touch.
+    """Reconstruct an unseen object in a robot's hand, without and with touch.
 
     One grasp is simulated, with a gel on each finger. A pretrained network makes closed coloured meshes, and a turntable shows that from
     image and touch beside the object.

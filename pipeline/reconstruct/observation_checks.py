@@ -240,7 +240,9 @@ def _misplaced(observation: RobotObservation, box: ObjectBox, target: Target | N
         if observation.shown_touches[number] and distance > limit + margin:
             where = f"{distance:.3g} m from the object's centre ({box.source}), but {reason}"
             scale = " and camera.depth_scale" if box.source == BY_DEPTH else ""
-            yield Fault(f"{observation.name_of(number)} is {where}: check its pose{scale}, or write touched: false")
+            untold = observation.touches[number].tactile_image is not None and observation.untouched_of(number) is None
+            shown = ", or add untouched, a photograph without contact, by which one that touches nothing is known" if untold else ""
+            yield Fault(f"{observation.name_of(number)} is {where}: check its pose{scale}, or write touched: false{shown}")
 
 
 def _wrong_depth(view: View, box: ObjectBox) -> Iterator[Fault]:

@@ -1,6 +1,6 @@
 """Predict an object's surface from stored grasps or a robot's observation, and write it as a mesh file."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -32,6 +32,7 @@ from pipeline.store.storage import Location
 from pipeline.store.validate import check_origins
 
 Surface = Literal["charts", "joined", "both", "closed"]
+ALIKE = 0.85, 1.25  # diagonals of a surface, over the object's, without a warning: beyond, the error is half as large again
 RESOLUTIONS = 64, 400  # fewest and most edges of a closed mesh
 
 
@@ -197,6 +198,8 @@ def _predicted(options: PredictOptions, reader: ObservationReader, source: Obser
     remarks = [*([_choice_remark(reader.model.trained, given.diagonal)] if is_chosen else []), *given.remarks]
     if reconstruction.is_guess:
         remarks.append("warning: the network finds no point inside the object; the surface is a speck around the likeliest one")
+    elif given.diagonal is not None:
+        remarks += size_remark(reconstruction, inputs, given.diagonal, 2 * reader.model.config.radius)
     remarks.append(error_note(given.reader, given.diagonal))
     if placed is None:
         return Prediction(reconstruction, inputs.touched, closed=closed, remarks=remarks)
@@ -206,6 +209,18 @@ def _predicted(options: PredictOptions, reader: ObservationReader, source: Obser
     to_metres = np.eye(4)
     to_metres[:3, :3] = observed.metres_per_unit * turn_to_z(np.array(observed.up))
     return Prediction(returned, touched, len(visible), closed, to_metres, remarks)
+
+
+def size_remark(
+    made: Reconstruction,
+    inputs: Observation,
+    diagonal: float,  # m, of the object
+    learned: float,  # m, which every object has where the network sees it
+) -> Iterator[str]:
+    """Warn if a surface is much larger or smaller than its object."""
+    share = inputs.scale * float(np.linalg.norm(np.ptp(made.vertices, axis=0))) / learned
+    if not ALIKE[0] <= share <= ALIKE[1]:
+        yield f"warning: the surface's diagonal is {share * diagonal:.2g} m, the object's {diagonal:.2g} m: much of it is a guess"
 
 
 def _of_nothing(reader: ObservationReader) -> _Given:
@@ -224,10 +239,13 @@ def _of_robot(reader: ObservationReader, source: RobotObservation | Path) -> _Gi
     observed, reader = placed.checked.observation, reader.restricted_to(placed.checked.inputs)
     inputs, photograph = reader.of_robot(placed), None
     stated = zip(observed.touches, inputs.touched, strict=False)  # none for networks without touch
-    unseen = [observed.name_of(n) for n, (touch, is_touched) in enumerate(stated) if touch.touched is True and not is_touched]
+    unfelt = {observed.name_of(n): touch.touched for n, (touch, is_touched) in enumerate(stated) if touch.touched and not is_touched}
+    unseen, free = ([name for name, told in unfelt.items() if (told is True) == wanted] for wanted in (True, False))
     remarks = [describe_object(observed, placed.checked.box), *placed.remarks]
     if unseen:
         remarks.append(f"warning: {', '.join(unseen)}: touched: true, but no contact is seen, so no touch is given")
+    if free:
+        remarks.append(f"{', '.join(free)}: no contact is seen, so the network is given a free gel")
     if (view := observed.view) is not None:
         matrix = view.matrix * [*(3 * [observed.metres_per_unit]), 1.0]  # of points in the observation's unit
         photograph = view.camera.image, matrix, view.camera.object_pixels

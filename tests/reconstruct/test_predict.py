@@ -20,10 +20,11 @@ from pipeline.kernels.charts.vision_charts import CHART_VERTICES, vision_charts
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.kernels.vision.camera import project_points
-from pipeline.models.reconstruction import join_vision_charts
+from pipeline.models.observation import Observation
+from pipeline.models.reconstruction import Reconstruction, join_vision_charts
 from pipeline.models.touch_model import save_touch_model
 from pipeline.reconstruct.mesh_files import ClosedMesh, write_closed
-from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
+from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict, size_remark
 from pipeline.store.directory import DataDirectory
 from tests.command_line import vt
 from tests.engine.tiny_stages import publish
@@ -271,11 +272,20 @@ def test_touches_without_a_statement_are_recognised_from_images(data, grasp, tmp
     stated = [touch.pop("touched") for touch in described["touches"]]
     prediction = predict(tmp_path / "a.ply", write(tmp_path / "g.yaml", described), PredictOptions(data / "models", "touch"))
     assert list(prediction.touched) == stated
+    names = ", ".join(touch["name"] for touch, felt in zip(described["touches"], stated, strict=True) if not felt)
+    assert f"{names}: no contact is seen, so the network is given a free gel" in prediction.remarks
     described["touches"] = [touch | {"touched": True} for touch in described["touches"]]
     prediction = predict(tmp_path / "a.ply", write(tmp_path / "g.yaml", described), PredictOptions(data / "models", "touch"))
-    names = ", ".join(touch["name"] for touch, felt in zip(described["touches"], stated, strict=True) if not felt)
     assert f"warning: {names}: touched: true, but no contact is seen, so no touch is given" in prediction.remarks
     assert "model touch takes no image: the photograph only colours a closed mesh" in prediction.remarks
+
+
+@pytest.mark.parametrize(("size", "warns"), [(0.5, True), (0.9, False), (1.2, False), (1.5, True)])
+def test_surfaces_of_another_size_than_their_objects_are_named(size: float, warns: bool) -> None:
+    vertices = size * 0.12 / np.sqrt(3) * np.array([[0.0, 0, 0], [1, 1, 1]])
+    made = Reconstruction(vertices, np.zeros((0, 3), np.int64), 2, np.arange(2), spheres.SIDE)
+    remarks = [*size_remark(made, Observation(None, scale=0.5 / 0.12), 0.12, 0.5)]
+    assert remarks == warns * [f"warning: the surface's diagonal is {size * 0.12:.2g} m, the object's 0.12 m: much of it is a guess"]
 
 
 @pytest.mark.parametrize(
