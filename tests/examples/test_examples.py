@@ -108,7 +108,7 @@ def test_method_of_twenty_lines_is_scored(run, data, tmp_path):
 def test_observations_have_no_faults_for_the_shipped_network(name, tmp_path):
     output = vt("check", EXAMPLES / "robot_grasp" / f"{name}.yaml", "--picture", tmp_path / "a.png")
     assert "no faults" in output
-    assert "with model implicit-any:" in output
+    assert "with model implicit-any, trained with objects of 0.5 m:" in output
     assert ("patches of the visible surface" in output) == (name == "rgbd")
     with Image.open(tmp_path / "a.png") as picture:
         assert picture.width > 1500  # and what the network is given
