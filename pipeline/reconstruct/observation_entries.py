@@ -58,7 +58,8 @@ def _array_from(reader: Callable[[Path], Any], array_type: str) -> BeforeValidat
 
 
 def _read_sensor(folder: Path, name: str | Path) -> Sensor:
-    return load_sensor(name if str(name) in shipped_files("sensor") else folder / name)
+    is_name = str(name) in shipped_files("sensor") or not (Path(name).suffix or (folder / name).exists())
+    return load_sensor(name if is_name else folder / name)
 
 
 _FILE = WithJsonSchema({"type": "file"})
