@@ -112,7 +112,7 @@ def main() -> None:
     parser.add_argument("data", type=as_location)
     parser.add_argument("--models", type=as_location, default=SHIPPED)
     parser.add_argument("--split", default=SPLIT)
-    parser.add_argument("--every", type=int, default=1, help="how many objects of the split there are to one that is measured")
+    parser.add_argument("--every", type=int, default=1, help="measure every Nth object of the split")
     arguments = parser.parse_args()
     objects = MeasuredObjects(arguments.data, ARRAYS, POINTS, "observed_gels", split=arguments.split)
     reader = PredictOptions(models=arguments.models, configuration="implicit-gels", accelerator="cpu").reader()

@@ -73,7 +73,7 @@ def is_like(diagonal: float, sizes: tuple[float, float]) -> bool:
 
 
 def size_ratio(diagonal: float, sizes: tuple[float, float]) -> float:
-    """Compute how many times an object is larger or smaller than those of a range of diagonals; 1 for one of the range."""
+    """Compute how many times an object is larger or smaller than those of a range of diagonals; 1 within it."""
     return max(sizes[0] / diagonal, diagonal / sizes[1], 1.0)
 
 

@@ -240,7 +240,8 @@ def _of_robot(reader: ObservationReader, source: RobotObservation | Path) -> _Gi
     inputs, photograph = reader.of_robot(placed), None
     stated = zip(observed.touches, inputs.touched, strict=False)  # none for networks without touch
     unfelt = {observed.name_of(n): touch.touched for n, (touch, is_touched) in enumerate(stated) if touch.touched and not is_touched}
-    unseen, free = ([name for name, told in unfelt.items() if (told is True) == wanted] for wanted in (True, False))
+    unseen = [name for name, told in unfelt.items() if told is True]
+    free = [name for name in unfelt if name not in unseen]
     remarks = [describe_object(observed, placed.checked.box), *placed.remarks]
     if unseen:
         remarks.append(f"warning: {', '.join(unseen)}: touched: true, but no contact is seen, so no touch is given")
