@@ -39,7 +39,7 @@ SEEN, EXACT, READ = "no touches", "exact depth", "photographs of gels"
 PAIRS = ((READ, EXACT), (READ, SEEN), (EXACT, SEEN))
 METRICS = {**DISTANCES, "F-score at 5 mm": "f_5mm"}
 POINTS = 10_000  # drawn from each surface
-READINGS = ("contact is seen", "contact, IoU", "error of depth in the contact, mm", "rim is pressed")
+READINGS = ("contact is seen", "contact, IoU", "error of depth in the contact, mm", "rim is pressed", "contact over three times too large")
 
 
 def write_observations(objects: MeasuredObjects, object_id: str, folder: Path) -> tuple[dict[str, Path], list[list[float]]]:
@@ -62,7 +62,8 @@ def write_observations(objects: MeasuredObjects, object_id: str, folder: Path) -
         if gel.contact.any():
             iou = (reading.contact & gel.contact).sum() / (reading.contact | gel.contact).sum()
             error = 1e3 * np.abs(reading.indentation - gel.indentation)[gel.contact].mean()
-            readings.append([reading.contact.any(), iou, error, reading.rim_pressed])
+            too_large = reading.contact.sum() > 3 * gel.contact.sum()
+            readings.append([reading.contact.any(), iou, error, reading.rim_pressed, too_large])
     kept = {name: entries[name] for name in ("unit", "object", "camera")}
     paths = {kind: folder / f"{kind}.yaml" for kind in given}
     for kind, touches in given.items():

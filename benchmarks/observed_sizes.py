@@ -26,12 +26,16 @@ from pipeline.reconstruct.predict import PredictOptions, reconstruct
 POINTS = 10_000
 """Points drawn from a reconstruction."""
 PLACE, SIZE = "middle of the object by its depth, mm", "diagonal of the object by its depth, error in %"
+BY_MASK = "diagonal of the object by its mask, error in %"
 
 
 def observations(folder: Path) -> dict[str, Path]:
     """List the files of one grasp, in the folder of a robot's observation, by what they give."""
     entries = yaml.safe_load((folder / "grasp.yaml").read_text())
-    (folder / "seen.yaml").write_text(yaml.safe_dump({name: entries[name] for name in ("unit", "object", "camera")}))
+    seen = {name: entries[name] for name in ("unit", "object", "camera")}
+    (folder / "seen.yaml").write_text(yaml.safe_dump(seen))
+    del entries["object"]["diagonal"], entries["camera"]["depth"]
+    (folder / "masked.yaml").write_text(yaml.safe_dump(seen))
     return {
         "photograph": folder / "seen.yaml",
         "photograph and depth as touch": folder / "rgbd.yaml",
@@ -49,11 +53,13 @@ def measure(data: Path) -> Table:
             points = rows.read("points", object_id).astype(np.float64)
             scale, truth = DIAGONAL / bounding_diagonal(points), transform_points(BASE, points)
             write_grasp(data, object_id, 0, Path(folder))
-            box = check(Path(folder) / "rgbd.yaml", target).box
+            paths = observations(Path(folder))
+            box, masked = (check(Path(folder) / f"{name}.yaml", target).box for name in ("rgbd", "masked"))
             middle = transform_points(BASE, np.array([POSITION]))[0]
             errors[PLACE].append(1e3 * scale * float(np.linalg.norm(box.centre - middle)))
-            errors[SIZE].append(100 * abs((box.diagonal or 0) * scale / DIAGONAL - 1))
-            for given, path in observations(Path(folder)).items():
+            for key, found in ((SIZE, box), (BY_MASK, masked)):
+                errors[key].append(100 * abs((found.diagonal or 0) * scale / DIAGONAL - 1))
+            for given, path in paths.items():
                 mesh = reconstruct(path, options).closed
                 assert mesh is not None
                 drawn, _ = sample_triangles(mesh.vertices[mesh.faces], POINTS, rng)

@@ -38,7 +38,7 @@ RIM_SHARE = 0.03
 """Share of the rim that shows a press, above which the rim counts as pressed. Of public photographs, 26 of 28 whose contact the rim cuts
 have more, and 14 of 84 whose contact lies a radius or more away from it, because light drifts."""
 INPUT_PIXELS = 160  # pixels along the longer side of a network's input, as in `simulate-presses`
-PRESSES, WATCHED, STEPS = 1200, 16, 1200  # presses to train on, and to validate on; training steps, for any number of presses
+PRESSES, WATCHED, STEPS = 4800, 16, 4800  # presses to train on, and to validate on; training steps, for any number of presses
 GEL = (0.6, 1.5)
 """Least and greatest factor of the gel's thickness per press: photographs of balls do not determine it better. Much thinner gels touch the
 object where thicker ones only sink beside it, and contact would become ambiguous."""

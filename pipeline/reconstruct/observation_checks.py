@@ -228,7 +228,7 @@ def _misplaced(observation: RobotObservation, box: ObjectBox, target: Target | N
     if observation.object.diagonal is not None and box.diagonal is not None:
         limit, reason = box.diagonal / 2, f"the object's diagonal is {box.diagonal:.3g} m"
     elif box.diagonal is not None:  # an estimate: behind a flat face it sees nothing
-        limit, reason = box.diagonal, f"the object's diagonal seems to be {box.diagonal:.3g} m"
+        limit, reason = (1 + box.by_mask) * box.diagonal, f"the object's diagonal seems to be {box.diagonal:.3g} m"
     elif target is not None:
         limit = target.network.radius / box.factor(target)
         reason = f"model {target.configuration} looks for the object within {limit:.3g} m of it"
@@ -257,7 +257,7 @@ def _wrong_depth(view: View, box: ObjectBox) -> Iterator[Fault]:
     if depth > FARTHEST:
         text = f"camera.depth shows the object {depth:.3g} m away (at most {FARTHEST:g} m)"
         yield Fault(f"{text}: check camera.depth_scale; floats are metres")
-    elif abs(depth - distance) > (FARTHEST if box.diagonal is None else box.diagonal):
+    elif abs(depth - distance) > (FARTHEST if box.diagonal is None else (1 + box.by_mask) * box.diagonal):
         yield Fault(
             f"camera.depth shows the object {depth:.3g} m from the camera, but its centre is {distance:.3g} m away ({box.source}): check "
             "camera.depth_scale, camera.mask, camera.pose, unit, object.centre and object.diagonal"

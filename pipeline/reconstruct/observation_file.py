@@ -30,7 +30,9 @@ class ObservedObject(FileEntries):
     """Where the object is."""
 
     centre: Vector | None = Field(default=None, description="of its bounding box; by default from `depth` and `mask`, else touches")
-    diagonal: float | None = Field(default=None, gt=0, description="of its bounding box; by default estimated from `depth` and `mask`")
+    diagonal: float | None = Field(
+        default=None, gt=0, description="of its bounding box; by default estimated from `depth` and `mask`, or `mask` alone"
+    )
 
 
 class Intrinsics(FileEntries):

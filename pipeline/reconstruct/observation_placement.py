@@ -13,7 +13,7 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import background_color, border, moved_projection, optical_centre, split_projection
 from pipeline.models.foreign_data import learned_view, size_remarks
-from pipeline.reconstruct.object_location import ObjectBox, Target, network_axes
+from pipeline.reconstruct.object_location import ObjectBox, Target, mask_span, network_axes
 from pipeline.reconstruct.observation_checks import CheckedObservation
 from pipeline.reconstruct.observation_file import ObservedCamera, RobotObservation, View
 
@@ -121,14 +121,17 @@ def describe_object(observation: RobotObservation, box: ObjectBox) -> str:
     unit = observation.metres_per_unit
     centre = ", ".join(f"{value:.4g}" for value in box.centre / unit)
     size = "size not known" if box.diagonal is None else f"diagonal {box.diagonal / unit:.3g} {observation.unit}"
-    return f"object at [{centre}] {observation.unit} ({box.source}), {size}"
+    return f"object at [{centre}] {observation.unit} ({box.source}), {size}{', by its mask' * box.by_mask}"
 
 
 def _size_remarks(box: ObjectBox, target: Target, sensors: Sequence[Sensor]) -> Iterator[str]:
     if box.diagonal is None:
         yield f"the object's size is not known, and taken to be {2 * target.network.radius / box.factor(target):.3g} m, as in training"
-    else:
-        yield from size_remarks(target, [box.diagonal], sensors, target.sensor)
+        return
+    if box.by_mask:
+        size = f"the object's diagonal is taken to be {box.diagonal:.2g} m, by its mask"
+        yield f"{size}; it may be twice that in a hand: state object.diagonal"
+    yield from size_remarks(target, [box.diagonal], sensors, target.sensor)
 
 
 def _mask_remarks(view: View, box: ObjectBox, target: Target, checked: CheckedObservation) -> Iterator[str]:
@@ -151,9 +154,8 @@ def _mask_remarks(view: View, box: ObjectBox, target: Target, checked: CheckedOb
             f"warning: the object's centre is seen at column {pixel[0]:.0f}, row {pixel[1]:.0f}, but the mask spans columns {low[0]} to "
             f"{high[0]} and rows {low[1]} to {high[1]}: check camera.pose, intrinsics and object.centre"
         )
-    distance = float(view.matrix[2] @ np.append(box.centre, 1.0))
-    span = float(np.linalg.norm((high + 1 - low) / (camera.intrinsics.fx, camera.intrinsics.fy))) * distance
-    if stated and box.diagonal is not None and not MASK_SPAN[0] <= span / box.diagonal <= MASK_SPAN[1]:
+    distance, span = float(view.matrix[2] @ np.append(box.centre, 1.0)), mask_span(view, box.centre)
+    if stated and span and box.diagonal is not None and not MASK_SPAN[0] <= span / box.diagonal <= MASK_SPAN[1]:
         yield (
             f"warning: the mask's diagonal is {span:.3g} m at the object's distance, {distance:.3g} m, but object.diagonal is "
             f"{box.diagonal:.3g} m: check it, unit, camera.pose and camera.mask"

@@ -84,6 +84,7 @@ def test_the_size_of_an_observed_object_is_as_stated_or_seen(tmp_path: Path) -> 
     assert box is not None
     assert box.diagonal == pytest.approx(0.18, rel=0.1)  # of the ball's visible part, and as much behind
     assert PredictOptions().network(by_depth)[1] == "implicit-gels"
+    assert PredictOptions().network(seen(tmp_path, object={"centre": [0.4, -0.1, 0.2]}))[1] == "implicit-gels"  # by the mask
 
 
 def test_check_and_predict_choose_the_same_network_and_name_it(tmp_path: Path) -> None:
@@ -94,7 +95,9 @@ def test_check_and_predict_choose_the_same_network_and_name_it(tmp_path: Path) -
 
 
 def test_an_object_of_unknown_size_is_given_to_the_network_for_large_ones_and_that_is_said(tmp_path: Path) -> None:
-    path = seen(tmp_path, object={"centre": [0.4, -0.1, 0.2]})
+    camera = write_files(tmp_path)["camera"]
+    del camera["mask"]
+    path = seen(tmp_path, object={"centre": [0.4, -0.1, 0.2]}, camera=camera)
     remarks = predict(tmp_path / "out.ply", path).remarks
     assert remarks[0] == f"{LARGE}; taken as the object's size is not known: state object.diagonal"
     assert "with model implicit-any, trained with objects of 0.5 m:" in vt("check", path, "--picture", tmp_path / "a.png")

@@ -287,8 +287,10 @@ def test_depth_of_an_object_far_off_the_optical_axis_is_its_own(tmp_path, entrie
 def test_object_is_located_between_touches(entries, box_of):
     del entries["object"]
     box = box_of(entries)
-    assert box.diagonal is None
+    assert box.by_mask
     np.testing.assert_allclose(box.centre, CENTRE, atol=1e-9)
+    del entries["camera"]["mask"]
+    assert box_of(entries).diagonal is None
 
 
 def test_a_sensor_whose_image_shows_no_contact_does_not_locate_the_object(tmp_path, entries, box_of):
@@ -346,7 +348,7 @@ def test_observation_is_moved_to_the_frame_of_the_network_and_back(tmp_path, ent
     assert read.camera is not None
     observation = RobotObservation(
         unit="m" if unit == 1 else "mm",
-        object={"centre": tuple(CENTRE / unit)},
+        object={"centre": tuple(CENTRE / unit), "diagonal": 0.5 / unit},
         camera=read.camera.changed(pose=scaled_pose(read.camera.pose, 1 / unit)),
         sensor=SENSOR,
         touches=tuple(touch.changed(pose=scaled_pose(touch.pose, 1 / unit)) for touch in read.touches),

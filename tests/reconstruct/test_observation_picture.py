@@ -28,7 +28,10 @@ def test_observation_is_described_and_drawn(tmp_path: Path, unit: str) -> None:
             holder["pose"] = (np.array(holder["pose"]) * np.vstack([[[1, 1, 1, 1e3]] * 3, [[1, 1, 1, 1]]])).tolist()
     path = write_observation(tmp_path, entries)
     lines = draw_observation(path, tmp_path / "a.png", target("touch"))
-    place = {"m": "[0.4, -0.1, 0.2] m (as stated), diagonal 0.208 m", "mm": "[400, -100, 200] mm (as stated), size not known"}[unit]
+    place = {
+        "m": "[0.4, -0.1, 0.2] m (as stated), diagonal 0.208 m",
+        "mm": "[400, -100, 200] mm (as stated), diagonal 199 mm, by its mask",
+    }[unit]
     assert lines[:2] == [f"{path}: observation, no faults", f"object at {place}"]
     assert lines[2] == "camera: 160 x 120 pixels; 21.5% of the photograph is the object"
     assert lines[3] == "touches.0: touches if its image, depth or points show so, 59 mm from the object's centre"

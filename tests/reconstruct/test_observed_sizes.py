@@ -59,7 +59,21 @@ def test_object_is_scaled_to_the_size_at_which_networks_see_all(observation: Rob
 def test_unknown_size_is_taken_to_be_that_of_the_training(
     observation: RobotObservation, sizes: tuple[float, float] | None, factor: float
 ) -> None:
-    unknown = observation.changed(object={"centre": observation.object.centre})
+    assert observation.camera is not None
+    unknown = observation.changed(object={"centre": observation.object.centre}, camera=observation.camera.changed(mask=None))
     placed = place_observation(check(unknown, target(diagonals=sizes)))
     np.testing.assert_allclose(np.linalg.norm(placed.to_network[:3, :3], axis=0), factor, rtol=1e-12)
     assert f"the object's size is not known, and taken to be {0.5 / factor:g} m, as in training" in placed.remarks
+
+
+def test_unknown_size_is_that_of_the_mask_at_the_distance_of_the_object(observation: RobotObservation) -> None:
+    stated = observation.object.diagonal
+    assert stated is not None
+    for factor in (1, 3):
+        larger = enlarged(observation, factor)
+        checked = check(larger.changed(object={"centre": larger.object.centre}), target(diagonals=(0.5, 0.5)))
+        assert checked.box.by_mask
+        assert checked.box.diagonal == pytest.approx(factor * stated, rel=0.1)
+        size = f"{checked.box.diagonal:.2g} m"
+        expected = f"the object's diagonal is taken to be {size}, by its mask; it may be twice that in a hand: state object.diagonal"
+        assert expected in place_observation(checked).remarks

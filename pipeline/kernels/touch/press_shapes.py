@@ -34,6 +34,7 @@ class PressRanges:
     size: tuple[float, float] = (0.0015, 0.008)  # radius of a shape, m
     depth: tuple[float, float] = (0.0001, 0.0012)  # of the deepest point in the gel, m
     tilt: float = math.radians(8)  # greatest angle by which a shape is tilted, rad
+    middle: float = 0.7  # greatest distance of a shape's middle from the gel's, in sides of the gel: many contacts are cut by its rim
     scale: tuple[float, float] = (0.04, 0.5)  # of an object, of its own size: from whole toys to plain walls
 
 
@@ -135,7 +136,7 @@ def draw_shape(
     """Draw a shape, as `random_press` says."""
     name = shapes[int(rng.integers(len(shapes)))]
     depth, size = rng.uniform(*ranges.depth), draw_mostly_small(ranges.size, rng)
-    middle = rng.uniform(-0.5, 0.5, 2) * (sensor.width, sensor.height)
+    middle = rng.uniform(-ranges.middle, ranges.middle, 2) * (sensor.width, sensor.height)
     turn, towards = draw_direction(rng), draw_direction(rng)
     slope = rng.uniform(0, math.tan(ranges.tilt)) if rng.random() < TILTED else 0.0
     x, y = np.meshgrid(*pixel_centres(sensor))
