@@ -11,6 +11,7 @@ import numpy as np
 import torch
 import yaml
 from pydantic import Field
+from scipy.ndimage import distance_transform_edt
 
 from benchmarks.ball_photographs import gelsight_balls, mini_balls
 from benchmarks.provenance import commit
@@ -47,6 +48,8 @@ SIMULATED = "simulated balls"
 RADII, DEPTHS = (2e-3, 5e-3), (2e-4, 1e-3)
 """m, least and greatest, of the simulated balls and of how deep they are pressed in."""
 BALLS = 40
+AWAY, STRAY = 0.25, 0.1
+"""How far from a ball's circle contact counts as away from it, in radii, and the share of the circle that it may cover."""
 
 
 class SensorError(Entries):
@@ -60,6 +63,7 @@ class SensorError(Entries):
     shape_mm: float = Field(ge=0)  # the same without the mean error
     normals_deg: float = Field(ge=0)  # mean angle between normals in the contact
     contact_iou: float = Field(ge=0, le=1)  # intersection over union with the ball's contact
+    stray: float = Field(ge=0, le=1)  # share of the images in which contact away from the ball covers over `STRAY` of its circle
 
 
 class SensorCard(Entries):
@@ -109,10 +113,13 @@ def photographed_balls(name: str, real: Path, scale: float) -> tuple[str, list[P
 
 def errors_of(model: LocalTouchModel, presses: list[Press], untouched: np.ndarray, scale: float) -> SensorError:
     """Average a network's errors over presses; `scale` is mm per pixel."""
-    scores = []
+    scores, stray = [], []
     for press in presses:
         indentation, contact, _ = model.read(press.image[None], untouched)
         scores.append(score(Reading(MM * indentation[0].astype(float), contact[0]), press, scale))
+        circle = press.footprint if press.contact is None else press.contact
+        away = distance_transform_edt(~circle) > AWAY * np.sqrt(circle.sum() / np.pi)
+        stray.append((contact[0] & away).sum() > STRAY * circle.sum())
     mean = mean_scores(scores)
     return SensorError(
         images=len(presses),
@@ -120,6 +127,7 @@ def errors_of(model: LocalTouchModel, presses: list[Press], untouched: np.ndarra
         shape_mm=round(mean.shape, 4),
         normals_deg=round(mean.sphere, 2),
         contact_iou=round(mean.overlap, 3),
+        stray=round(float(np.mean(stray)), 3),
     )
 
 

@@ -27,7 +27,7 @@ gel-weights: household  ## train the pretrained network for objects of 6 to 20 c
 	@$(MAKE) --no-print-directory train MANIFEST=hand-sized-test DATA=data/hand-sized-test/draft CONFIGURATIONS=implicit-gels SET=$(call quoted,$(GEL_SETTINGS) $(SET))
 	@$(BIN)/python -m benchmarks.ship_weights data/hand-sized-test/draft implicit-gels
 
-sensor-weights: $$(if $$(REAL),installed-peers,setup)  ## train the networks that read photographs of shipped sensors; with REAL=FOLDER cards say how well (4 minutes)
+sensor-weights: $$(if $$(REAL),installed-peers,setup)  ## train the networks that read photographs of shipped sensors; with REAL=FOLDER cards say how well (20 minutes)
 	@OMP_NUM_THREADS=1 $(if $(REAL),$(PEERS_PYTHON),$(BIN)/python) -m benchmarks.ship_sensor_weights $(if $(REAL),--real $(call quoted,$(REAL)))
 
 test-cpus: lint  ## run the tests as on older processors: without AVX-512, and without AVX2 and FMA
@@ -98,7 +98,7 @@ bench-gels: installed-dev  ## measure depth, force and torque of elastic gels in
 bench-peers: installed-peers installed-tacto installed-tactile-mnist simulate-touch.0  ## measure TACTO, Taxim, tactile-mnist, KeOps, HDF5 … beside ours; writes docs/peers.md
 	@KEOPS_CACHE_FOLDER="$$PWD/.venv-peers/keops" OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks --data $(call quoted,$(DATA)) --write docs/peers.md
 
-bench-touch: installed-dev  ## score depth read in photographs of REAL=FOLDER, beside a look-up table; writes docs/real-touch.md (20 minutes)
+bench-touch: installed-dev  ## score depth read in photographs of REAL=FOLDER, beside a look-up table; writes docs/real-touch.md (an hour)
 	@$(if $(REAL),,echo "name the folder of the photographs: make bench-touch REAL=FOLDER (docs/real-touch.md says what to clone into it)"; exit 1)
 	@$(BIN)/python -m benchmarks.real_touch $(call quoted,$(REAL)) --write docs/real-touch.md
 

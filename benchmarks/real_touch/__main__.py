@@ -54,10 +54,9 @@ PAGE_END = """
 - With today's circles of the Mini's balls, which are 7 to 10 % smaller than at commit 5fe899d, all methods read shapes and normals better
   than then, and radii 6 to 19 % too small; ours were 1 to 7 % too large.
 - Times are the least processor time of all photographs; other work on the machine makes them longer.
-- Depth is free where the rim is pressed, and light that falls off in a corner may be read as a press there. By the shipped networks,
-  contact farther than 1.25 radii from the ball's middle covers more than a tenth of its circle in 17 of the 48 photographs of
-  docs/sensors.md by a GelSight, and in 6 of the 67 by a Mini; with the rim pinned in none. `read-touch` says which photographs show a
-  press at the rim.
+- Depth is free where the rim is pressed, and light that falls off in a corner may be read as a press there: the cards of the shipped
+  networks (`make sensor-weights REAL=FOLDER`) have, as `stray`, the share of photographs with contact away from the ball over a tenth of
+  its circle. `read-touch` says which photographs show a press at the rim.
 - The same figures for your photographs: describe them as in `benchmarks/real_touch/sets/`, and add `--set FILE`; or write depths in mm as
   `FOLDER/SET/PRESS.npy` (and contacts as `PRESS-contact.npy`) and add `--predictions FOLDER`.
 """
