@@ -75,16 +75,15 @@ def find_object(observation: RobotObservation, target: Target | None) -> ObjectB
         low, high = np.min(gels @ axes.T, axis=0), np.max(gels @ axes.T, axis=0)
         centre, source = (low + high) / 2 @ axes, "estimated from the touches"
     view = observation.view
-    if diagonal is None and view is not None and view.camera.mask is not None and view.camera.object_pixels.sum() >= FEW:
-        return ObjectBox(centre, OVER_MASK * mask_span(view, centre), source, by_mask=True)
+    mask = None if view is None else view.camera.mask
+    if diagonal is None and view is not None and mask is not None and (span := mask_span(view, mask, centre)) > 0:
+        return ObjectBox(centre, OVER_MASK * span, source, by_mask=True)
     return ObjectBox(centre, diagonal, source)
 
 
-def mask_span(view: View, centre: NDArray[np.float64]) -> float:
-    """Measure the diagonal, m, of the box around the object's pixels, as far away as a point (3,); 0 without pixels."""
-    row, col = np.nonzero(view.camera.object_pixels)
-    if not len(row):
-        return 0.0
+def mask_span(view: View, mask: NDArray[np.bool_], centre: NDArray[np.float64]) -> float:
+    """Measure the diagonal, m, of the box around the pixels of an object's mask (rows, cols), as far away as a point (3,)."""
+    row, col = np.nonzero(mask)
     sides = np.array([np.ptp(col) + 1, np.ptp(row) + 1]) / (view.camera.intrinsics.fx, view.camera.intrinsics.fy)
     return float(np.linalg.norm(sides) * abs(view.matrix[2] @ np.append(centre, 1.0)))
 

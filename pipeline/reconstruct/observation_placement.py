@@ -154,8 +154,8 @@ def _mask_remarks(view: View, box: ObjectBox, target: Target, checked: CheckedOb
             f"warning: the object's centre is seen at column {pixel[0]:.0f}, row {pixel[1]:.0f}, but the mask spans columns {low[0]} to "
             f"{high[0]} and rows {low[1]} to {high[1]}: check camera.pose, intrinsics and object.centre"
         )
-    distance, span = float(view.matrix[2] @ np.append(box.centre, 1.0)), mask_span(view, box.centre)
-    if stated and span and box.diagonal is not None and not MASK_SPAN[0] <= span / box.diagonal <= MASK_SPAN[1]:
+    distance, span = float(view.matrix[2] @ np.append(box.centre, 1.0)), mask_span(view, camera.mask, box.centre)
+    if stated and box.diagonal is not None and not MASK_SPAN[0] <= span / box.diagonal <= MASK_SPAN[1]:
         yield (
             f"warning: the mask's diagonal is {span:.3g} m at the object's distance, {distance:.3g} m, but object.diagonal is "
             f"{box.diagonal:.3g} m: check it, unit, camera.pose and camera.mask"
