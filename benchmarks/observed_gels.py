@@ -39,7 +39,13 @@ SEEN, EXACT, READ = "no touches", "exact depth", "photographs of gels"
 PAIRS = ((READ, EXACT), (READ, SEEN), (EXACT, SEEN))
 METRICS = {**DISTANCES, "F-score at 5 mm": "f_5mm"}
 POINTS = 10_000  # drawn from each surface
-READINGS = ("contact is seen", "contact, IoU", "error of depth in the contact, mm", "rim is pressed", "contact over three times too large")
+READINGS = (
+    "contact is seen",
+    "contact, IoU",
+    "error of depth in the contact, mm",
+    "rim is pressed",
+    "contact thrice as large as it is",
+)
 
 
 def write_observations(objects: MeasuredObjects, object_id: str, folder: Path) -> tuple[dict[str, Path], list[list[float]]]:

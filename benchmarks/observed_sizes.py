@@ -1,7 +1,8 @@
 """Measure `implicit-any` on objects of other sizes than 0.5 m, as a robot records them: `python -m benchmarks.observed_sizes DATA`.
 
 The first grasp of each object is written as a robot's observation, and reconstructed by `predict` from the photograph alone, with its
-depth as touch, and with touches. Errors are Chamfer distances × 9000 of objects scaled to the size that the network has learned.
+depth as touch, and with touches; its size is also guessed from its mask. Errors are Chamfer distances × 9000 of objects scaled to the size
+that the network has learned.
 """
 
 import sys
@@ -34,7 +35,7 @@ def observations(folder: Path) -> dict[str, Path]:
     entries = yaml.safe_load((folder / "grasp.yaml").read_text())
     seen = {name: entries[name] for name in ("unit", "object", "camera")}
     (folder / "seen.yaml").write_text(yaml.safe_dump(seen))
-    del entries["object"]["diagonal"], entries["camera"]["depth"]
+    del seen["object"]["diagonal"], seen["camera"]["depth"]
     (folder / "masked.yaml").write_text(yaml.safe_dump(seen))
     return {
         "photograph": folder / "seen.yaml",

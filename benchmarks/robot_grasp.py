@@ -84,7 +84,8 @@ def write_grasp(data: Location, object_id: str, grasp: int, folder: Path) -> Pat
     folder.mkdir(parents=True, exist_ok=True)
     rows = ObjectRows(data, ARRAYS, None)
     photograph, labels = rows.read("occluded", object_id, grasp, camera=0), rows.read("segmentation", object_id, camera=0)[1 + grasp]
-    drawn = (photograph != np.median(photograph[labels == Label.BACKGROUND], axis=0)).any(axis=2)  # at smooth edges, beyond the labels too
+    background = np.median(photograph[labels == Label.BACKGROUND], axis=0)
+    drawn = (photograph != background).any(axis=2)  # at smooth edges, beyond the labels too
     hand = drawn & (labels != Label.OBJECT) & binary_dilation(labels == Label.HAND)
     _save(folder / "seen.png", photograph)
     _save(folder / "hand.png", 255 * hand.astype(np.uint8))

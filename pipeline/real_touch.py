@@ -42,6 +42,8 @@ PRESSES, WATCHED, STEPS = 4800, 16, 4800  # presses to train on, and to validate
 GEL = (0.6, 1.5)
 """Least and greatest factor of the gel's thickness per press: photographs of balls do not determine it better. Much thinner gels touch the
 object where thicker ones only sink beside it, and contact would become ambiguous."""
+MIDDLE = 0.7
+"""How far random presses may be from the gel's middle, in its sides: contacts that the rim cuts, as fingers make them, are read worst."""
 DEEPER = 1.25
 """Random presses are up to this many times as deep as those that a sensor was calibrated with, for real gels give way more than modelled
 ones."""
@@ -260,7 +262,7 @@ def random_presses(
     """Press random shapes into a sensor; they stay in memory."""
     least, most = PressRanges().depth
     deepest = min(DEEPER * sensor.calibrated.deepest, sensor.w / DEEPER) if sensor.calibrated else most
-    ranges, presses = PressRanges(depth=(least, max(most, deepest))), []
+    ranges, presses = PressRanges(depth=(least, max(most, deepest)), middle=MIDDLE), []
     for number in range(count):
         rng = numpy_rng(seed, "random-presses", number)
         press = random_press(sensor, rng, ranges)

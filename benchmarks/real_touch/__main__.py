@@ -55,8 +55,8 @@ PAGE_END = """
   than then, and radii 6 to 19 % too small; ours were 1 to 7 % too large.
 - Times are the least processor time of all photographs; other work on the machine makes them longer.
 - Depth is free where the rim is pressed, and light that falls off in a corner may be read as a press there: the cards of the shipped
-  networks (`make sensor-weights REAL=FOLDER`) have, as `stray`, the share of photographs with contact away from the ball over a tenth of
-  its circle. `read-touch` says which photographs show a press at the rim.
+  networks (`make sensor-weights REAL=FOLDER`) have, as `stray`, the share of photographs in which contact more than a quarter of its
+  radius beyond the ball's circle covers over a tenth of it. `read-touch` says which photographs show a press at the rim.
 - The same figures for your photographs: describe them as in `benchmarks/real_touch/sets/`, and add `--set FILE`; or write depths in mm as
   `FOLDER/SET/PRESS.npy` (and contacts as `PRESS-contact.npy`) and add `--predictions FOLDER`.
 """

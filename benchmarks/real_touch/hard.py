@@ -25,7 +25,7 @@ from pipeline.real_touch import train_sensor_network
 from stages.train_touch import TouchTrainingSettings
 
 BALLS, TESTED, PRESSES = 16, 8, 500
-"""Photographs to calibrate with and to read; simulated presses, and steps, of the training: less than half of the usual ones."""
+"""Photographs to calibrate with and to read; simulated presses, and steps, of the training: a tenth of the usual ones."""
 COLUMNS = [
     "refused",
     "radius of circles, true = 1",

@@ -228,7 +228,8 @@ def _misplaced(observation: RobotObservation, box: ObjectBox, target: Target | N
     if observation.object.diagonal is not None and box.diagonal is not None:
         limit, reason = box.diagonal / 2, f"the object's diagonal is {box.diagonal:.3g} m"
     elif box.diagonal is not None:  # an estimate: behind a flat face it sees nothing
-        limit, reason = (1 + box.by_mask) * box.diagonal, f"the object's diagonal seems to be {box.diagonal:.3g} m"
+        limit, by = (1 + box.by_mask) * box.diagonal, "by its mask " * box.by_mask
+        reason = f"{by}the object's diagonal seems to be {box.diagonal:.3g} m"
     elif target is not None:
         limit = target.network.radius / box.factor(target)
         reason = f"model {target.configuration} looks for the object within {limit:.3g} m of it"
@@ -239,7 +240,7 @@ def _misplaced(observation: RobotObservation, box: ObjectBox, target: Target | N
         margin = float(np.hypot(sensor.width, sensor.height)) / 2 + sensor.w
         if observation.shown_touches[number] and distance > limit + margin:
             where = f"{distance:.3g} m from the object's centre ({box.source}), but {reason}"
-            scale = " and camera.depth_scale" if box.source == BY_DEPTH else ""
+            scale = ", camera.mask and object.diagonal" if box.by_mask else " and camera.depth_scale" if box.source == BY_DEPTH else ""
             untold = observation.touches[number].tactile_image is not None and observation.untouched_of(number) is None
             shown = ", or add untouched, a photograph without contact, by which one that touches nothing is known" if untold else ""
             yield Fault(f"{observation.name_of(number)} is {where}: check its pose{scale}, or write touched: false{shown}")

@@ -13,11 +13,11 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import background_color, border, moved_projection, optical_centre, split_projection
 from pipeline.models.foreign_data import learned_view, size_remarks
-from pipeline.reconstruct.object_location import ObjectBox, Target, mask_span, network_axes
+from pipeline.reconstruct.object_location import INVERTED_MASK, ObjectBox, Target, mask_span, network_axes
 from pipeline.reconstruct.observation_checks import CheckedObservation
 from pipeline.reconstruct.observation_file import ObservedCamera, RobotObservation, View
 
-INVERTED_MASK, FEW_PATCHES = 0.5, 4  # share of the border that a mask covers, and patches of the visible surface, for warnings
+FEW_PATCHES = 4  # of the visible surface, for a warning
 
 FACING_AWAY = -0.5
 """Cosine between a sensor's normal and the direction to the object's centre below which it faces away: the centre of a thin object may be
@@ -130,7 +130,7 @@ def _size_remarks(box: ObjectBox, target: Target, sensors: Sequence[Sensor]) -> 
         return
     if box.by_mask:
         size = f"the object's diagonal is taken to be {box.diagonal:.2g} m, by its mask"
-        yield f"{size}; it may be twice that in a hand: state object.diagonal"
+        yield f"{size}; it may be twice that in a hand, and what follows goes by it: state object.diagonal"
     yield from size_remarks(target, [box.diagonal], sensors, target.sensor)
 
 
@@ -154,8 +154,8 @@ def _mask_remarks(view: View, box: ObjectBox, target: Target, checked: CheckedOb
             f"warning: the object's centre is seen at column {pixel[0]:.0f}, row {pixel[1]:.0f}, but the mask spans columns {low[0]} to "
             f"{high[0]} and rows {low[1]} to {high[1]}: check camera.pose, intrinsics and object.centre"
         )
-    distance, span = float(view.matrix[2] @ np.append(box.centre, 1.0)), mask_span(view, camera.mask, box.centre)
-    if stated and box.diagonal is not None and not MASK_SPAN[0] <= span / box.diagonal <= MASK_SPAN[1]:
+    distance, span = float(view.matrix[2] @ np.append(box.centre, 1.0)), mask_span(view, box.centre)
+    if stated and span and box.diagonal is not None and not MASK_SPAN[0] <= span / box.diagonal <= MASK_SPAN[1]:
         yield (
             f"warning: the mask's diagonal is {span:.3g} m at the object's distance, {distance:.3g} m, but object.diagonal is "
             f"{box.diagonal:.3g} m: check it, unit, camera.pose and camera.mask"

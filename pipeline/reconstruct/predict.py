@@ -165,7 +165,7 @@ class _Given:
     photograph: tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.bool_]] | None = None  # that colours a closed mesh
     remarks: Sequence[str] = ()
     placed: Placement | None = None  # of a robot's observation
-    diagonal: float | None = None  # of the object, m, if it is known
+    diagonal: float | None = None  # of the object, m, if it is known, or guessed
 
 
 def _diagonal_of(source: Observed) -> float | None:
@@ -198,7 +198,7 @@ def _predicted(options: PredictOptions, reader: ObservationReader, source: Obser
     remarks = [*([_choice_remark(reader.model.trained, given.diagonal)] if is_chosen else []), *given.remarks]
     if reconstruction.is_guess:
         remarks.append("warning: the network finds no point inside the object; the surface is a speck around the likeliest one")
-    elif given.diagonal is not None:
+    elif given.diagonal is not None and not (placed and placed.checked.box.by_mask):
         remarks += size_remark(reconstruction, inputs, given.diagonal, 2 * reader.model.config.radius)
     remarks.append(error_note(given.reader, given.diagonal))
     if placed is None:

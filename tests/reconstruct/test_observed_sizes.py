@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.reconstruct.observation_checks import check
 from pipeline.reconstruct.observation_file import RobotObservation
@@ -75,5 +76,27 @@ def test_unknown_size_is_that_of_the_mask_at_the_distance_of_the_object(observat
         assert checked.box.by_mask
         assert checked.box.diagonal == pytest.approx(factor * stated, rel=0.1)
         size = f"{checked.box.diagonal:.2g} m"
-        expected = f"the object's diagonal is taken to be {size}, by its mask; it may be twice that in a hand: state object.diagonal"
-        assert expected in place_observation(checked).remarks
+        expected = f"the object's diagonal is taken to be {size}, by its mask; it may be twice that in a hand, and what follows goes by it"
+        assert f"{expected}: state object.diagonal" in place_observation(checked).remarks
+
+
+def test_a_mask_of_hardly_a_pixel_or_of_the_border_gives_no_size(observation: RobotObservation) -> None:
+    assert observation.camera is not None
+    assert observation.camera.mask is not None
+    unknown = {"centre": observation.object.centre}
+    speck = np.zeros_like(observation.camera.mask)
+    speck[60, 80] = True
+    for mask in (speck, ~observation.camera.mask):
+        masked = observation.changed(object=unknown, camera=observation.camera.changed(mask=mask, depth=None))
+        assert check(masked, target()).box.diagonal is None
+
+
+def test_a_touch_beyond_a_guessed_size_names_the_mask(observation: RobotObservation) -> None:
+    assert observation.camera is not None
+    assert observation.camera.mask is not None
+    rows, cols = np.nonzero(observation.camera.mask)
+    middle = np.zeros_like(observation.camera.mask)
+    middle[round(rows.mean()) - 2 : round(rows.mean()) + 2, round(cols.mean()) - 2 : round(cols.mean()) + 2] = True
+    hidden = observation.changed(object={"centre": observation.object.centre}, camera=observation.camera.changed(mask=middle, depth=None))
+    with pytest.raises(InvalidInput, match=r"by its mask the object's diagonal seems to be .* camera.mask and object.diagonal"):
+        check(hidden, target())

@@ -34,7 +34,7 @@ class PressRanges:
     size: tuple[float, float] = (0.0015, 0.008)  # radius of a shape, m
     depth: tuple[float, float] = (0.0001, 0.0012)  # of the deepest point in the gel, m
     tilt: float = math.radians(8)  # greatest angle by which a shape is tilted, rad
-    middle: float = 0.7  # greatest distance of a shape's middle from the gel's, in sides of the gel: many contacts are cut by its rim
+    middle: float = 0.5  # greatest distance of a shape's middle from the gel's along each axis, in sides of the gel
     scale: tuple[float, float] = (0.04, 0.5)  # of an object, of its own size: from whole toys to plain walls
 
 

@@ -34,6 +34,17 @@ def test_shape_is_pressed_to_the_drawn_depth(name, sensor):
         assert RANGES.depth[0] <= impression(press.depth, sensor).max() <= RANGES.depth[1] + 1e-12
 
 
+def test_middles_beyond_the_gel_make_more_contacts_that_its_rim_cuts():
+    cut = {}
+    for middle in (0.5, 0.9):
+        ranges, rims = PressRanges(size=(0.002, 0.004), depth=(0.0003, 0.0006), middle=middle), []
+        for number in range(40):
+            pressed = impression(random_press(GELSIGHT, np.random.default_rng(number), ranges, ["ball"]).depth, GELSIGHT) > 0
+            rims.append(pressed.any() and (pressed[[0, -1]].any() or pressed[:, [0, -1]].any()))
+        cut[middle] = np.mean(rims)
+    assert cut[0.9] > cut[0.5] + 0.2
+
+
 def test_every_code_of_the_schema_names_a_shape():
     assert ("patch", *SHAPES) == PRESSED
 
