@@ -30,7 +30,7 @@ def test_observation_is_described_and_drawn(tmp_path: Path, unit: str) -> None:
     lines = draw_observation(path, tmp_path / "a.png", target("touch"))
     place = {
         "m": "[0.4, -0.1, 0.2] m (as stated), diagonal 0.208 m",
-        "mm": "[400, -100, 200] mm (as stated), diagonal 199 mm, by its mask",
+        "mm": "[400, -100, 200] mm (as stated), diagonal 203 mm, by its mask",
     }[unit]
     assert lines[:2] == [f"{path}: observation, no faults", f"object at {place}"]
     assert lines[2] == "camera: 160 x 120 pixels; 21.5% of the photograph is the object"
