@@ -2,7 +2,6 @@
 
 import errno
 from contextlib import suppress
-from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -35,7 +34,6 @@ class _Files(WrapperStore[Store]):
         return content
 
 
-@lru_cache(maxsize=64)
 def zarr_store(path: Location) -> Store:
     """Open a group for Zarr; a missing chunk is a `FileNotFoundError`."""
     files = LocalStore(path, read_only=True) if isinstance(path, Path) else ZarrObjectStore(client_of(str(path)), read_only=True)
