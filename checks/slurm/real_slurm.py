@@ -80,7 +80,7 @@ def wait_until(data: Path, what: Callable[[dict[str, str]], bool]) -> dict[str, 
         if what(states):
             return dict(states)
         assert time.monotonic() < deadline, states
-        time.sleep(0.5)
+        time.sleep(0.1)
 
 
 def ended(states: dict[str, str]) -> bool:
