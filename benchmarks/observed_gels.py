@@ -44,7 +44,7 @@ READINGS = (
     "contact, IoU",
     "error of depth in the contact, mm",
     "rim is pressed",
-    "contact thrice as large as it is",
+    "contact is read more than three times too large",
 )
 
 

@@ -117,9 +117,9 @@ def errors_of(model: LocalTouchModel, presses: list[Press], untouched: np.ndarra
     for press in presses:
         indentation, contact, _ = model.read(press.image[None], untouched)
         scores.append(score(Reading(MM * indentation[0].astype(float), contact[0]), press, scale))
-        circle = press.footprint if press.contact is None else press.contact
-        away = distance_transform_edt(~circle) > AWAY * np.sqrt(circle.sum() / np.pi)
-        stray.append((contact[0] & away).sum() > STRAY * circle.sum())
+        size = press.touched.sum()
+        away = distance_transform_edt(~press.touched) > AWAY * np.sqrt(size / np.pi)
+        stray.append((contact[0] & away).sum() > STRAY * size)
     mean = mean_scores(scores)
     return SensorError(
         images=len(presses),

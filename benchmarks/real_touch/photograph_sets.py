@@ -71,6 +71,11 @@ class Press:
     absolute: bool
     contact: NDArray[np.bool_] | None = None
 
+    @property
+    def touched(self) -> NDArray[np.bool_]:
+        """(rows, cols): its contact, or its footprint where nothing else tells it."""
+        return self.footprint if self.contact is None else self.contact
+
 
 @dataclass(frozen=True, eq=False)
 class PhotographSet:

@@ -43,8 +43,7 @@ def score(reading: Reading, press: Press, scale: float) -> Scores:
     angle = float(np.degrees(angles(reading.depth, press.depth, scale)[compared]).mean())
     overlap = np.nan
     if reading.contact is not None:
-        touched = press.footprint if press.contact is None else press.contact
-        overlap = float((reading.contact & touched).sum() / (reading.contact | touched).sum())
+        overlap = float((reading.contact & press.touched).sum() / (reading.contact | press.touched).sum())
     by_kind = (np.nan, angle) if press.flat else (angle, np.nan)
     return Scores(rmse, bias, float(error.std()), *by_kind, overlap)
 
